@@ -1,0 +1,6 @@
+"""dldsim: deformable cells in deterministic lateral displacement arrays, from simulation to design."""
+
+__version__ = "0.1.0"
+
+PHYSICS_VERSION = 1
+"""Raised whenever a change of the simulator changes trajectories; a raise reruns simulations."""

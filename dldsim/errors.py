@@ -1,0 +1,5 @@
+"""The one exception that users are meant to read."""
+
+
+class DldsimError(Exception):
+    """A problem that the user can mend; its text says what, where, why and what next."""

@@ -1,0 +1,451 @@
+"""D3Q19 lattice-Boltzmann fluid on columns: collision, streaming, bounce-back, shifted periodicity.
+
+Everything here is in lattice units (spacing, time step and reference density are one). Nodes sit
+at half-integer positions; a scene is prismatic, that is, constant along z, so that the lattice is
+a list of fluid columns of ``nz`` nodes each. Populations are stored as deviations from the fluid
+at rest, ``f[q * stride + column * nz + k]``, which keeps single precision safe.
+
+Streaming is a table. For every node and direction it names the element of the populations after
+collision that arrives there, whether by propagation, bounce-back, periodicity or row shift. Runs
+of consecutive elements are copied as a whole into a small buffer, in which the collision runs
+without branches; elements that break a run (at channel walls) are patched one by one.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dldsim._numba import jit
+from dldsim.errors import DldsimError
+
+# Opposite directions are neighbours: 1-2, 3-4, … 17-18.
+VELOCITIES = np.array(
+    [
+        (0, 0, 0),
+        (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1),
+        (1, 1, 0), (-1, -1, 0), (1, -1, 0), (-1, 1, 0),
+        (1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1),
+        (0, 1, 1), (0, -1, -1), (0, 1, -1), (0, -1, 1),
+    ]
+)  # fmt: skip
+WEIGHTS = np.array([1 / 3] + [1 / 18] * 6 + [1 / 36] * 12)
+OPPOSITE = np.array([0] + [q + 1 if q % 2 else q - 1 for q in range(1, 19)])
+MAGIC_PARAMETER = 3 / 16
+"""Puts the wall of half-way bounce-back mid-link at any viscosity (Ginzburg et al. 2008)."""
+
+BLOCK = np.uint64(256)
+"""Nodes that are collided together; 22 rows of it stay in the first-level cache."""
+
+_Q = np.uint64(19)
+_ZERO, _ONE = np.uint64(0), np.uint64(1)
+
+
+class Streaming(NamedTuple):
+    """Where each population of the next step comes from; arrays are grouped by block.
+
+    ``copy_*``: runs (source element, buffer position, length). ``patch_*``: single elements.
+    ``blend_*``: runs to which the weighted difference of two sources is added (interpolated
+    bounce-back). ``*_start``: first entry
+    of each block, one entry more than there are blocks.
+    """
+
+    copy_start: np.ndarray
+    copy_source: np.ndarray
+    copy_target: np.ndarray
+    copy_length: np.ndarray
+    blend_start: np.ndarray
+    blend_source: np.ndarray
+    blend_target: np.ndarray
+    blend_length: np.ndarray
+    blend_weight: np.ndarray
+    patch_start: np.ndarray
+    patch_source: np.ndarray
+    patch_target: np.ndarray
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Fluid columns of a prismatic scene.
+
+    ``column`` (nx, ny) int32: index of the fluid column, -1 in solid. ``row_shift``: nodes by which
+    the image of the domain at x + nx is displaced along y. ``walls``: no-slip plates at z = 0 and
+    z = nz, otherwise periodic along z.
+    """
+
+    nx: int
+    ny: int
+    nz: int
+    row_shift: int
+    walls: bool
+    column: np.ndarray
+    stride: int
+    streaming: Streaming
+
+    @property
+    def columns(self) -> int:
+        return int(self.column.max()) + 1
+
+    @property
+    def nodes(self) -> int:
+        """Number of fluid nodes."""
+        return self.columns * self.nz
+
+    @property
+    def cells(self) -> int:
+        """Number of nodes of the whole box, solid ones included."""
+        return self.nx * self.ny * self.nz
+
+
+def neighbour(lattice_shape, row_shift, ix, iy, cx, cy):
+    """Column (ix, iy) + (cx, cy) under periodicity along y and shifted periodicity along x."""
+    nx, ny = lattice_shape
+    jx = ix + cx
+    wraps = np.floor_divide(jx, nx)
+    return jx - wraps * nx, np.mod(iy + cy - wraps * row_shift, ny)
+
+
+def make_lattice(
+    solid: np.ndarray,
+    nz: int,
+    *,
+    walls: bool,
+    row_shift: int = 0,
+    link_fraction=None,
+    dtype=np.float32,
+) -> Lattice:
+    """Number the fluid columns and build the streaming table.
+
+    ``solid`` (nx, ny) bool. ``link_fraction(ix, iy, cx, cy)``: distance of the surface from column
+    centres along the link, in links (0 to 1), for interpolated bounce-back: the central linear
+    scheme (CLI) of Ginzburg et al. (2008), whose wall does not move with viscosity. None gives
+    half-way bounce-back, which CLI falls back to where the node behind is not fluid. Raises
+    DldsimError if no fluid is left.
+    """
+    nx, ny = solid.shape
+    column = np.full((nx, ny), -1, np.int32)
+    column[~solid] = np.arange(np.count_nonzero(~solid))
+    ix, iy = np.nonzero(~solid)
+    if not len(ix):
+        raise DldsimError("The scene has no fluid: pillars or walls fill the whole lattice.")
+    nodes = len(ix) * nz
+    block = int(BLOCK)
+    stride = -(-nodes // block) * block
+    z = np.arange(nz)
+    own = np.arange(len(ix))[:, None] * nz + z
+    runs, exacts, blends = [], [], []
+    for q, (cx, cy, cz) in enumerate(VELOCITIES):
+        source_column = column[neighbour((nx, ny), row_shift, ix, iy, -cx, -cy)]
+        bounced = source_column < 0
+        zs = z - cz
+        inside = (zs >= 0) & (zs < nz)
+        opposite = OPPOSITE[q] * stride + own
+        if walls:
+            exact = np.where(inside, q * stride + source_column[:, None] * nz + zs, opposite)
+        else:
+            exact = q * stride + source_column[:, None] * nz + zs % nz
+        run = q * stride + source_column[:, None] * nz + zs  # as if every column went on forever
+        exact[bounced] = opposite[bounced]
+        run[bounced] = opposite[bounced]
+        behind_element = np.full(run.shape, -1)
+        weight = np.zeros(len(ix))
+        if link_fraction is not None and bounced.any():
+            fraction = link_fraction(ix[bounced], iy[bounced], -cx, -cy)
+            weight[bounced] = (1 - 2 * fraction) / (1 + 2 * fraction)
+            behind = column[neighbour((nx, ny), row_shift, ix, iy, cx, cy)]
+            zb = z + cz
+            reachable = (bounced & (behind >= 0))[:, None]
+            if walls:
+                reachable = reachable & (zb >= 0) & (zb < nz)
+            else:
+                zb = zb % nz
+            element = OPPOSITE[q] * stride + behind[:, None] * nz + zb
+            behind_element = np.where(reachable, element, -1)
+        runs.append(run.ravel())
+        exacts.append(exact.ravel())
+        blends.append((behind_element.ravel(), q * stride + own.ravel(), np.repeat(weight, nz)))
+    streaming = _compress(runs, exacts, blends, nodes, block, dtype)
+    return Lattice(nx, ny, nz, row_shift, walls, column, stride, streaming)
+
+
+def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
+    """Turn element-wise sources into runs, patches and blends, sorted by block.
+
+    Per direction: ``runs`` source if columns went on for ever, ``exacts`` source, ``blends``
+    (source behind or -1, own source, weight) of the interpolation added to it.
+    """
+    node = np.arange(nodes)
+    new_block = node % block == 0
+    copy, blend, patch = [], [], []
+    for q in range(19):
+        target = q * block + node % block
+        first = new_block | (np.diff(runs[q], prepend=-2) != 1)
+        start = np.nonzero(first)[0]
+        length = np.diff(np.append(start, nodes))
+        copy.append((start // block, runs[q][start], target[start], length))
+
+        odd = runs[q] != exacts[q]
+        patch.append((node[odd] // block, exacts[q][odd], target[odd]))
+
+        behind, own, weight = blends[q]
+        blended = behind >= 0
+        first = blended & (
+            new_block | (np.diff(behind, prepend=-2) != 1) | (np.diff(weight, prepend=-1) != 0)
+        )
+        start = np.nonzero(first)[0]
+        last = blended & np.append(first[1:] | ~blended[1:], True)
+        length = np.nonzero(last)[0] - start + 1
+        sources = np.stack([behind[start], own[start]], axis=1)
+        blend.append((start // block, sources, target[start], length, weight[start]))
+
+    blocks = -(-nodes // block)
+
+    def by_block(entries):
+        columns = [np.concatenate(c) for c in zip(*entries, strict=True)]
+        order = np.argsort(columns[0], kind="stable")
+        start = np.searchsorted(columns[0][order], np.arange(blocks + 1))
+        return [start.astype(np.uint64)] + [c[order] for c in columns[1:]]
+
+    copy, blend, patch = by_block(copy), by_block(blend), by_block(patch)
+    index = [a.astype(np.uint64) for a in (*copy, *blend[:4], *patch)]
+    return Streaming(*index[:8], blend[4].astype(dtype), *index[8:])
+
+
+@jit
+def _gather(block, f, s, buf):
+    """Fill the buffer (19 rows of BLOCK) with the populations that arrive in one block."""
+    for e in range(s.copy_start[block], s.copy_start[block + _ONE]):
+        a, b = s.copy_source[e], s.copy_target[e]
+        for i in range(s.copy_length[e]):
+            buf[b + i] = f[a + i]
+    for e in range(s.patch_start[block], s.patch_start[block + _ONE]):
+        buf[s.patch_target[e]] = f[s.patch_source[e]]
+    for e in range(s.blend_start[block], s.blend_start[block + _ONE]):
+        a, a2, b = s.blend_source[e, 0], s.blend_source[e, 1], s.blend_target[e]
+        w = s.blend_weight[e]
+        for i in range(s.blend_length[e]):
+            buf[b + i] += w * (f[a + i] - f[a2 + i])
+
+
+_ROW = [np.uint64(q) * BLOCK for q in range(22)]
+(
+    _R1,
+    _R2,
+    _R3,
+    _R4,
+    _R5,
+    _R6,
+    _R7,
+    _R8,
+    _R9,
+    _R10,
+    _R11,
+    _R12,
+    _R13,
+    _R14,
+    _R15,
+    _R16,
+    _R17,
+    _R18,
+    _R19,
+    _R20,
+    _R21,
+) = _ROW[1:]
+
+
+@jit
+def _collide(buf, parameters, inertia):
+    """Collide BLOCK nodes in the buffer: two relaxation times, force after Guo et al. (2002).
+
+    Rows 0 to 18 of ``buf``: populations, replaced by those after collision. Rows 19 to 21: force
+    density on the node beside the uniform one, replaced by the velocity (half the force included).
+    Without ``inertia`` the equilibrium is linear, which gives the unsteady Stokes equations and a
+    solenoidal steady momentum whatever the density; with it, Navier-Stokes. Written out over the
+    stencil so that the compiler turns it into straight vector code; tests hold its loop form.
+    """
+    omega_plus, omega_minus = parameters[0], parameters[1]
+    force_plus, force_minus = parameters[2], parameters[3]
+    bodyx, bodyy, bodyz = parameters[4], parameters[5], parameters[6]
+    w0, w1, w2 = parameters[7], parameters[8], parameters[9]
+    zero, half, one = parameters[10], parameters[11], parameters[12]
+    three, nine = parameters[13], parameters[14]
+    for i in range(BLOCK):
+        f0 = buf[i]
+        f1 = buf[i + _R1]
+        f2 = buf[i + _R2]
+        f3 = buf[i + _R3]
+        f4 = buf[i + _R4]
+        f5 = buf[i + _R5]
+        f6 = buf[i + _R6]
+        f7 = buf[i + _R7]
+        f8 = buf[i + _R8]
+        f9 = buf[i + _R9]
+        f10 = buf[i + _R10]
+        f11 = buf[i + _R11]
+        f12 = buf[i + _R12]
+        f13 = buf[i + _R13]
+        f14 = buf[i + _R14]
+        f15 = buf[i + _R15]
+        f16 = buf[i + _R16]
+        f17 = buf[i + _R17]
+        f18 = buf[i + _R18]
+        rho = (
+            f0
+            + f1
+            + f2
+            + f3
+            + f4
+            + f5
+            + f6
+            + f7
+            + f8
+            + f9
+            + f10
+            + f11
+            + f12
+            + f13
+            + f14
+            + f15
+            + f16
+            + f17
+            + f18
+        )
+        Fx = buf[i + _R19] + bodyx
+        jx = f1 + f7 + f9 + f11 + f13 - f2 - f8 - f10 - f12 - f14 + half * Fx
+        gx = omega_minus * jx + force_minus * Fx
+        Fy = buf[i + _R20] + bodyy
+        jy = f3 + f7 + f10 + f15 + f17 - f4 - f8 - f9 - f16 - f18 + half * Fy
+        gy = omega_minus * jy + force_minus * Fy
+        Fz = buf[i + _R21] + bodyz
+        jz = f5 + f11 + f14 + f15 + f18 - f6 - f12 - f13 - f16 - f17 + half * Fz
+        gz = omega_minus * jz + force_minus * Fz
+        if inertia:
+            inverse = one / (one + rho)
+            ux = jx * inverse
+            uy = jy * inverse
+            uz = jz * inverse
+            hx = half * omega_plus * jx + force_plus * Fx
+            hy = half * omega_plus * jy + force_plus * Fy
+            hz = half * omega_plus * jz + force_plus * Fz
+            uh = three * (ux * hx + uy * hy + uz * hz)
+        else:
+            ux = jx
+            uy = jy
+            uz = jz
+            hx = zero
+            hy = zero
+            hz = zero
+            uh = zero
+        e = omega_plus * rho - uh
+        buf[i] = f0 - omega_plus * f0 + w0 * e
+        even = half * omega_plus * (f1 + f2) - w1 * e
+        if inertia:
+            even -= nine * w1 * (ux) * (hx)
+        odd = half * omega_minus * (f1 - f2) - three * w1 * (gx)
+        buf[i + _R1] = f1 - even - odd
+        buf[i + _R2] = f2 - even + odd
+        even = half * omega_plus * (f3 + f4) - w1 * e
+        if inertia:
+            even -= nine * w1 * (uy) * (hy)
+        odd = half * omega_minus * (f3 - f4) - three * w1 * (gy)
+        buf[i + _R3] = f3 - even - odd
+        buf[i + _R4] = f4 - even + odd
+        even = half * omega_plus * (f5 + f6) - w1 * e
+        if inertia:
+            even -= nine * w1 * (uz) * (hz)
+        odd = half * omega_minus * (f5 - f6) - three * w1 * (gz)
+        buf[i + _R5] = f5 - even - odd
+        buf[i + _R6] = f6 - even + odd
+        even = half * omega_plus * (f7 + f8) - w2 * e
+        if inertia:
+            even -= nine * w2 * (ux + uy) * (hx + hy)
+        odd = half * omega_minus * (f7 - f8) - three * w2 * (gx + gy)
+        buf[i + _R7] = f7 - even - odd
+        buf[i + _R8] = f8 - even + odd
+        even = half * omega_plus * (f9 + f10) - w2 * e
+        if inertia:
+            even -= nine * w2 * (ux - uy) * (hx - hy)
+        odd = half * omega_minus * (f9 - f10) - three * w2 * (gx - gy)
+        buf[i + _R9] = f9 - even - odd
+        buf[i + _R10] = f10 - even + odd
+        even = half * omega_plus * (f11 + f12) - w2 * e
+        if inertia:
+            even -= nine * w2 * (ux + uz) * (hx + hz)
+        odd = half * omega_minus * (f11 - f12) - three * w2 * (gx + gz)
+        buf[i + _R11] = f11 - even - odd
+        buf[i + _R12] = f12 - even + odd
+        even = half * omega_plus * (f13 + f14) - w2 * e
+        if inertia:
+            even -= nine * w2 * (ux - uz) * (hx - hz)
+        odd = half * omega_minus * (f13 - f14) - three * w2 * (gx - gz)
+        buf[i + _R13] = f13 - even - odd
+        buf[i + _R14] = f14 - even + odd
+        even = half * omega_plus * (f15 + f16) - w2 * e
+        if inertia:
+            even -= nine * w2 * (uy + uz) * (hy + hz)
+        odd = half * omega_minus * (f15 - f16) - three * w2 * (gy + gz)
+        buf[i + _R15] = f15 - even - odd
+        buf[i + _R16] = f16 - even + odd
+        even = half * omega_plus * (f17 + f18) - w2 * e
+        if inertia:
+            even -= nine * w2 * (uy - uz) * (hy - hz)
+        odd = half * omega_minus * (f17 - f18) - three * w2 * (gy - gz)
+        buf[i + _R17] = f17 - even - odd
+        buf[i + _R18] = f18 - even + odd
+        buf[i + _R19] = ux
+        buf[i + _R20] = uy
+        buf[i + _R21] = uz
+
+
+def collision_parameters(
+    relaxation_time: float, collision: str, body_force, dtype=np.float32
+) -> np.ndarray:
+    """Constants of the collision kernel in the precision of the populations.
+
+    ``collision``: "trt" (second rate from the magic parameter) or "bgk" (both rates equal).
+    ``body_force`` (3,): uniform force density.
+    """
+    omega_plus = 1 / relaxation_time
+    if collision == "trt":
+        omega_minus = 1 / (0.5 + MAGIC_PARAMETER / (relaxation_time - 0.5))
+    else:
+        omega_minus = omega_plus
+    return np.array(
+        [
+            omega_plus, omega_minus, 1 - omega_plus / 2, 1 - omega_minus / 2, *body_force,
+            *WEIGHTS[[0, 1, 7]], 0, 0.5, 1, 3, 9,
+        ],
+        dtype,
+    )  # fmt: skip
+
+
+def viscosity(relaxation_time: float) -> float:
+    """Kinematic viscosity (τ - 1/2)/3."""
+    return (relaxation_time - 0.5) / 3
+
+
+@jit
+def stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf):
+    """One time step from populations ``f`` (after collision) to ``f_new``.
+
+    ``f``, ``f_new`` (20 * stride,), of which the last stride is padding; ``force``, ``velocity``
+    (3 * stride,): force density beside the uniform one, and the velocity that belongs to the
+    state between streaming and collision; ``buf`` (22 * BLOCK,).
+    """
+    stride = np.uint64(len(force)) // np.uint64(3)
+    for block in range(np.uint64(len(streaming.copy_start)) - _ONE):
+        first = block * BLOCK
+        _gather(block, f, streaming, buf)
+        for d in range(np.uint64(3)):
+            a, b = d * stride + first, (_Q + d) * BLOCK
+            for i in range(BLOCK):
+                buf[b + i] = force[a + i]
+        _collide(buf, parameters, inertia)
+        for q in range(_Q):
+            a, b = q * stride + first, q * BLOCK
+            for i in range(BLOCK):
+                f_new[a + i] = buf[b + i]
+        for d in range(np.uint64(3)):
+            a, b = d * stride + first, (_Q + d) * BLOCK
+            for i in range(BLOCK):
+                velocity[a + i] = buf[b + i]
