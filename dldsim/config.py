@@ -120,10 +120,7 @@ class Numerics(Section):
     friction_nN_s_per_m: float = Field(
         1.56, gt=0, description="dissipative coupling only: γ per vertex of the reference mesh"
     )
-    vertex_mass_pg: float = Field(
-        1.0, gt=0, description="dissipative coupling only: mass per vertex of the reference mesh"
-    )
-    contact_range_um: float = Field(1.0, ge=0, description="reach r_c of the contact repulsion")
+    contact_range_um: float = Field(0.5, ge=0, description="reach r_c of the contact repulsion")
 
 
 class RunControl(Section):
@@ -316,7 +313,12 @@ class Config(Section):
                 f"unknown stiffness set: {'; '.join(unknown)}; known: "
                 + ", ".join(self.stiffness_sets)
             )
-        calibrated = {group.stiffness_set for group in self.constriction_groups.values()}
+        calibrated = [g.stiffness_set for g in self.constriction_groups.values() if g.stiffness_set]
+        repeated = sorted({name for name in calibrated if calibrated.count(name) > 1})
+        if repeated:
+            raise ValueError(
+                f"one constriction group per stiffness set; several for {', '.join(repeated)}"
+            )
         missing = [name for name in self.sweep.stiffness_sets if name not in calibrated]
         if missing:
             raise ValueError(
@@ -330,11 +332,11 @@ class Config(Section):
         return self
 
 
-FLUID_NUMERICS = (
-    "spacing_um", "velocity_lu", "relaxation_time", "collision", "inertia", "precision",
-    "rows", "lanes",
-)
-"""The numerics that a flow without cell depends on."""
+CELL_NUMERICS = {
+    "coupling", "kernel_points", "edge_to_spacing", "friction_nN_s_per_m", "vertex_mass_pg",
+    "contact_range_um",
+}  # fmt: skip
+"""The numerics that a flow without cell does not depend on."""
 
 AREA_RESERVE = 0.1
 """Relative area growth that a squeezed membrane is assumed to bear in `smallest_passable_um`."""
@@ -395,24 +397,43 @@ def check_passable(geometry: Geometry, cell: Cell, height_um: float = 0.0) -> No
 
 
 def merge(base: Mapping, over: Mapping) -> dict:
-    """`base` overlaid with `over`: mappings are merged, everything else is replaced."""
+    """`base` overlaid with `over`: mappings are merged, a null takes the key out, and everything
+    else is replaced."""
     merged = dict(base)
     for key, value in over.items():
+        if value is None:
+            merged.pop(key, None)
+            continue
         both = isinstance(merged.get(key), Mapping) and isinstance(value, Mapping)
         merged[key] = merge(merged[key], value) if both else value
     return merged
+
+
+def _typed(value: Any) -> Any:
+    """Texts inside a value read as YAML."""
+    import yaml
+
+    if isinstance(value, Mapping):
+        return {key: _typed(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_typed(entry) for entry in value]
+    try:
+        return yaml.safe_load(value) if isinstance(value, str) else value
+    except yaml.YAMLError:
+        return value
 
 
 def resolve(raw: Mapping, overrides: Mapping | None = None) -> Config:
     """The validated configuration of one campaign.
 
     `raw` holds shared sections, `presets` and the name of one `preset`. The preset goes over the
-    shared sections, and `overrides` (the command line) over both. Raises DldsimError with every
-    problem's key, value and allowed values.
+    shared sections, and `overrides` (the command line, where numbers may come as text) over both.
+    Raises DldsimError with every problem's key, value and allowed values.
     """
+    overrides = _typed(overrides or {})
     if not isinstance(raw, Mapping):
         raise DldsimError("The configuration is not a mapping of keys to values. See config.yaml.")
-    raw = merge(raw, overrides or {})
+    raw = merge(raw, overrides)
     presets = raw.pop("presets", None) or {}
     if not isinstance(presets, Mapping):
         raise DldsimError("presets must be a mapping of names to partial configurations.")
@@ -423,7 +444,7 @@ def resolve(raw: Mapping, overrides: Mapping | None = None) -> Config:
                 f"Unknown preset {name!r}.{_did_you_mean(name, presets)} "
                 f"Presets: {', '.join(presets) or 'none'}."
             )
-        raw = merge(merge(raw, presets[name] or {}), overrides or {})
+        raw = merge(merge(raw, presets[name] or {}), overrides)
         raw.pop("presets", None)
         raw["preset"] = name
     config = validate(Config, raw)
@@ -575,6 +596,9 @@ def json_schema() -> dict:
         definition.pop("required", None)
     schema.pop("required", None)
     sections = {key: value for key, value in schema["properties"].items() if key != "preset"}
+    for key in ("stiffness_sets", "constriction_groups"):  # a preset takes one out with null
+        entry = {"anyOf": [*sections[key]["patternProperties"].values(), {"type": "null"}]}
+        sections[key] = {"type": "object", "additionalProperties": entry}
     schema["properties"]["presets"] = {
         "description": "named overlays of the sections above",
         "type": "object",

@@ -259,16 +259,16 @@ def _collide(buf, parameters, inertia):
 
     Rows 0 to 18 of ``buf``: populations, replaced by those after collision. Rows 19 to 21: force
     density on the node beside the uniform one, replaced by the velocity (half the force included).
-    Without ``inertia`` the equilibrium is linear, which gives the unsteady Stokes equations and a
-    solenoidal steady momentum whatever the density; with it, Navier-Stokes. Written out over the
-    stencil so that the compiler turns it into straight vector code; tests hold its loop form.
+    Velocity is momentum over the reference density, as in He & Luo (1997), so that a steady flow is
+    solenoidal whatever its pressure. Without ``inertia`` the equilibrium is linear, which gives the
+    unsteady Stokes equations; with it, Navier-Stokes. Written out over the stencil so that the
+    compiler turns it into straight vector code; the tests hold its loop form.
     """
     omega_plus, omega_minus = parameters[0], parameters[1]
     force_plus, force_minus = parameters[2], parameters[3]
     bodyx, bodyy, bodyz = parameters[4], parameters[5], parameters[6]
     w0, w1, w2 = parameters[7], parameters[8], parameters[9]
-    zero, half, one = parameters[10], parameters[11], parameters[12]
-    three, nine = parameters[13], parameters[14]
+    zero, half, three, nine = parameters[10], parameters[11], parameters[12], parameters[13]
     for i in range(BLOCK):
         f0 = buf[i]
         f1 = buf[i + _R1]
@@ -320,18 +320,11 @@ def _collide(buf, parameters, inertia):
         jz = f5 + f11 + f14 + f15 + f18 - f6 - f12 - f13 - f16 - f17 + half * Fz
         gz = omega_minus * jz + force_minus * Fz
         if inertia:
-            inverse = one / (one + rho)
-            ux = jx * inverse
-            uy = jy * inverse
-            uz = jz * inverse
             hx = half * omega_plus * jx + force_plus * Fx
             hy = half * omega_plus * jy + force_plus * Fy
             hz = half * omega_plus * jz + force_plus * Fz
-            uh = three * (ux * hx + uy * hy + uz * hz)
+            uh = three * (jx * hx + jy * hy + jz * hz)
         else:
-            ux = jx
-            uy = jy
-            uz = jz
             hx = zero
             hy = zero
             hz = zero
@@ -340,61 +333,61 @@ def _collide(buf, parameters, inertia):
         buf[i] = f0 - omega_plus * f0 + w0 * e
         even = half * omega_plus * (f1 + f2) - w1 * e
         if inertia:
-            even -= nine * w1 * (ux) * (hx)
-        odd = half * omega_minus * (f1 - f2) - three * w1 * (gx)
+            even -= nine * w1 * jx * hx
+        odd = half * omega_minus * (f1 - f2) - three * w1 * gx
         buf[i + _R1] = f1 - even - odd
         buf[i + _R2] = f2 - even + odd
         even = half * omega_plus * (f3 + f4) - w1 * e
         if inertia:
-            even -= nine * w1 * (uy) * (hy)
-        odd = half * omega_minus * (f3 - f4) - three * w1 * (gy)
+            even -= nine * w1 * jy * hy
+        odd = half * omega_minus * (f3 - f4) - three * w1 * gy
         buf[i + _R3] = f3 - even - odd
         buf[i + _R4] = f4 - even + odd
         even = half * omega_plus * (f5 + f6) - w1 * e
         if inertia:
-            even -= nine * w1 * (uz) * (hz)
-        odd = half * omega_minus * (f5 - f6) - three * w1 * (gz)
+            even -= nine * w1 * jz * hz
+        odd = half * omega_minus * (f5 - f6) - three * w1 * gz
         buf[i + _R5] = f5 - even - odd
         buf[i + _R6] = f6 - even + odd
         even = half * omega_plus * (f7 + f8) - w2 * e
         if inertia:
-            even -= nine * w2 * (ux + uy) * (hx + hy)
+            even -= nine * w2 * (jx + jy) * (hx + hy)
         odd = half * omega_minus * (f7 - f8) - three * w2 * (gx + gy)
         buf[i + _R7] = f7 - even - odd
         buf[i + _R8] = f8 - even + odd
         even = half * omega_plus * (f9 + f10) - w2 * e
         if inertia:
-            even -= nine * w2 * (ux - uy) * (hx - hy)
+            even -= nine * w2 * (jx - jy) * (hx - hy)
         odd = half * omega_minus * (f9 - f10) - three * w2 * (gx - gy)
         buf[i + _R9] = f9 - even - odd
         buf[i + _R10] = f10 - even + odd
         even = half * omega_plus * (f11 + f12) - w2 * e
         if inertia:
-            even -= nine * w2 * (ux + uz) * (hx + hz)
+            even -= nine * w2 * (jx + jz) * (hx + hz)
         odd = half * omega_minus * (f11 - f12) - three * w2 * (gx + gz)
         buf[i + _R11] = f11 - even - odd
         buf[i + _R12] = f12 - even + odd
         even = half * omega_plus * (f13 + f14) - w2 * e
         if inertia:
-            even -= nine * w2 * (ux - uz) * (hx - hz)
+            even -= nine * w2 * (jx - jz) * (hx - hz)
         odd = half * omega_minus * (f13 - f14) - three * w2 * (gx - gz)
         buf[i + _R13] = f13 - even - odd
         buf[i + _R14] = f14 - even + odd
         even = half * omega_plus * (f15 + f16) - w2 * e
         if inertia:
-            even -= nine * w2 * (uy + uz) * (hy + hz)
+            even -= nine * w2 * (jy + jz) * (hy + hz)
         odd = half * omega_minus * (f15 - f16) - three * w2 * (gy + gz)
         buf[i + _R15] = f15 - even - odd
         buf[i + _R16] = f16 - even + odd
         even = half * omega_plus * (f17 + f18) - w2 * e
         if inertia:
-            even -= nine * w2 * (uy - uz) * (hy - hz)
+            even -= nine * w2 * (jy - jz) * (hy - hz)
         odd = half * omega_minus * (f17 - f18) - three * w2 * (gy - gz)
         buf[i + _R17] = f17 - even - odd
         buf[i + _R18] = f18 - even + odd
-        buf[i + _R19] = ux
-        buf[i + _R20] = uy
-        buf[i + _R21] = uz
+        buf[i + _R19] = jx
+        buf[i + _R20] = jy
+        buf[i + _R21] = jz
 
 
 def collision_parameters(
@@ -413,7 +406,7 @@ def collision_parameters(
     return np.array(
         [
             omega_plus, omega_minus, 1 - omega_plus / 2, 1 - omega_minus / 2, *body_force,
-            *WEIGHTS[[0, 1, 7]], 0, 0.5, 1, 3, 9,
+            *WEIGHTS[[0, 1, 7]], 0, 0.5, 3, 9,
         ],
         dtype,
     )  # fmt: skip

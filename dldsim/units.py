@@ -13,18 +13,6 @@ _MICRO, _MILLI, _NANO, _PICO, _ATTO = 1e-6, 1e-3, 1e-9, 1e-12, 1e-18
 
 
 @dataclass(frozen=True)
-class LatticeStiffness:
-    """Membrane coefficients in lattice units; names as in :class:`dldsim.config.Stiffness`."""
-
-    ks: float
-    kb: float
-    kal: float
-    kag: float
-    kv: float
-    kvisc: float
-
-
-@dataclass(frozen=True)
 class Units:
     """Scales of one run: spacing [µm], velocities (physical [mm/s], lattice) and viscosities."""
 
@@ -80,16 +68,20 @@ class Units:
         si = self.viscosity_mPa_s * _MILLI * self.spacing_um * _MICRO
         return nN_s_per_m * _NANO / si * self.viscosity_lu
 
-    def stiffness(self, stiffness: Stiffness) -> LatticeStiffness:
-        """Membrane coefficients in lattice units."""
-        return LatticeStiffness(
-            ks=self.surface_modulus(stiffness.ks_uN_per_m),
-            kb=self.energy(stiffness.kb_pN_um),
-            kal=self.surface_modulus(stiffness.kal_uN_per_m),
-            kag=self.surface_modulus(stiffness.kag_uN_per_m),
-            kv=self.pressure(stiffness.kv_Pa),
-            kvisc=self.friction(stiffness.kvisc_nN_s_per_m),
-        )
+    def stiffness(self, stiffness: Stiffness) -> dict[str, float]:
+        """Membrane coefficients in lattice units, named as :class:`dldsim.membrane.Moduli`."""
+        return {
+            "ks": self.surface_modulus(stiffness.ks_uN_per_m),
+            "kb": self.energy(stiffness.kb_pN_um),
+            "kal": self.surface_modulus(stiffness.kal_uN_per_m),
+            "kag": self.surface_modulus(stiffness.kag_uN_per_m),
+            "kv": self.pressure(stiffness.kv_Pa),
+            "kvisc": self.friction(stiffness.kvisc_nN_s_per_m),
+        }
+
+    def force(self, nN: float) -> float:
+        """Force [nN] to lattice units."""
+        return nN * _NANO / (self._surface_modulus_si * self.spacing_um * _MICRO)
 
     def capillary_number(self, ks_uN_per_m: float) -> float | None:
         """Ca = μU/k_s with the mean velocity; None for a membrane without springs."""

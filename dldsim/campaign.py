@@ -1,0 +1,199 @@
+"""What a campaign consists of: identifiers, geometries, runs, seeds, crash records.
+
+Rule files import this module in every job, so it imports nothing heavy.
+"""
+
+import csv
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dldsim import PHYSICS_VERSION, __version__
+from dldsim.config import Config, Geometry, check_gap, validate
+from dldsim.errors import DldsimError
+
+GEOMETRY_PATTERN = r"r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+"
+RUN_PATTERN = GEOMETRY_PATTERN + r"_s[A-Za-z0-9-]+"
+
+
+class Run(NamedTuple):
+    """One simulation of the campaign: a geometry and the name of a stiffness set."""
+
+    geometry: Geometry
+    stiffness_set: str
+
+
+def _length(value: float) -> str:
+    """At least two digits before the point and one after it, so that identifiers sort."""
+    whole, decimals = f"{value:.3f}".split(".")
+    return f"{whole:0>2}.{decimals.rstrip('0') or '0'}"
+
+
+def _format(geometry: Geometry) -> str:
+    radius, gap = _length(geometry.pillar_radius_um), _length(geometry.gap_um)
+    return f"r{radius}_g{gap}_n{geometry.periodicity:02d}"
+
+
+def geometry_id(geometry: Geometry) -> str:
+    """Identifier such as r06.0_g18.0_n08. Raises DldsimError for more than three decimals."""
+    text = _format(geometry)
+    if parse_geometry(text) != geometry:
+        raise DldsimError(
+            f"No identifier for pillar_radius_um = {geometry.pillar_radius_um!r}, gap_um = "
+            f"{geometry.gap_um!r}: lengths may have three decimals. Round them."
+        )
+    return text
+
+
+def parse_geometry(text: str) -> Geometry:
+    """The inverse of `geometry_id`."""
+    if re.fullmatch(GEOMETRY_PATTERN, text):
+        radius, gap, periodicity = (part[1:] for part in text.split("_"))
+        geometry = validate(Geometry, {
+            "pillar_radius_um": float(radius), "gap_um": float(gap), "periodicity": int(periodicity)
+        })
+        if _format(geometry) == text:
+            return geometry
+    raise DldsimError(f"{text!r} is not a geometry identifier such as r06.0_g18.0_n08.")
+
+
+def run_id(run: Run) -> str:
+    """Identifier such as r06.0_g18.0_n08_s3."""
+    if not re.fullmatch(r"[A-Za-z0-9-]+", run.stiffness_set):
+        raise DldsimError(
+            f"Stiffness set {run.stiffness_set!r}: a name has letters, digits and hyphens only."
+        )
+    return f"{geometry_id(run.geometry)}_s{run.stiffness_set}"
+
+
+def parse_run(text: str) -> Run:
+    """The inverse of `run_id`."""
+    geometry, found, name = text.rpartition("_s")
+    if not found or not re.fullmatch(RUN_PATTERN, text):
+        raise DldsimError(f"{text!r} is not a run identifier such as r06.0_g18.0_n08_s3.")
+    return Run(parse_geometry(geometry), name)
+
+
+def geometries(config: Config) -> list[Geometry]:
+    """The geometries of the sweep, in order of their identifiers."""
+    return sorted(_feasible(config), key=geometry_id)
+
+
+def _feasible(config: Config) -> Iterator[Geometry]:
+    sweep = config.sweep
+    for radius in sweep.pillar_radius_um:
+        for gap in sweep.gaps_for(radius):
+            for periodicity in sweep.periodicity:
+                geometry = Geometry(pillar_radius_um=radius, gap_um=gap, periodicity=periodicity)
+                try:
+                    check_gap(geometry, sweep.safety_distance_um)
+                except DldsimError:
+                    if sweep.skip_infeasible:
+                        continue
+                    raise
+                yield geometry
+
+
+def runs(config: Config) -> list[Run]:
+    """The simulations of the sweep, in order of their identifiers."""
+    sets = config.sweep.stiffness_sets
+    return sorted((Run(g, s) for g in geometries(config) for s in sets), key=run_id)
+
+
+def constriction_id(group: str, position: int) -> str:
+    """Identifier such as G1_0 of a constriction run; `position` counts the release positions."""
+    return f"{group}_{position}"
+
+
+def parse_constriction(text: str) -> tuple[str, int]:
+    """The inverse of `constriction_id`."""
+    group, _, position = text.rpartition("_")
+    if not group or not position.isdecimal():
+        raise DldsimError(f"{text!r} is not a constriction run identifier such as G1_0.")
+    return group, int(position)
+
+
+def constrictions(config: Config) -> list[str]:
+    """Identifiers of all constriction runs."""
+    positions = range(len(config.constriction.release_positions_um))
+    return [constriction_id(g, i) for g in config.constriction_groups for i in positions]
+
+
+def derive_seed(seed: int, name: str) -> int:
+    """A seed for one named task of a campaign, below 2³¹."""
+    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
+    return int.from_bytes(digest[:4], "big") >> 1
+
+
+def settings_hash(settings: Mapping[str, Any]) -> str:
+    """Short hash of the settings that a file depends on."""
+    text = json.dumps(settings, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+STAMP = ".dldsim.json"
+
+
+def stamp() -> dict:
+    """Versions that a results folder is stamped with."""
+    return {"dldsim_version": __version__, "physics_version": PHYSICS_VERSION}
+
+
+def check_stamp(directory: Path) -> None:
+    """Refuse a results folder of another physics version."""
+    path = Path(directory) / STAMP
+    if not path.exists():
+        return
+    try:
+        made_by = json.loads(path.read_text(encoding="utf-8"))
+        physics, version = made_by["physics_version"], made_by["dldsim_version"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise DldsimError(f"{path} is damaged. Delete it and start again.") from error
+    if physics != PHYSICS_VERSION:
+        raise DldsimError(
+            f"{directory} holds results of physics version {physics} (dldsim {version}); this is "
+            f"version {PHYSICS_VERSION} (dldsim {__version__}), whose trajectories differ. To keep "
+            f"the old results: mv {directory} {directory}-physics{physics}. To make everything "
+            "anew in place: snakemake -j2 all --forceall."
+        )
+
+
+def closing_sentence(directory: Path) -> str:
+    """Where the results are, and which runs have none."""
+    table = Path(directory) / "runs.csv"
+    if not table.exists():
+        return f"Done: {directory}/"
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    broken = [f"{row['run_id']} ({row['status']}: {row['stop_reason']})" for row in rows
+              if row["status"] in ("stuck", "unstable", "failed")]
+    if not broken:
+        return f"Done: {directory}/, all {len(rows)} runs."
+    return (f"Done: {directory}/, but {len(broken)} of {len(rows)} runs have no angle:\n  "
+            + "\n  ".join(broken))
+
+
+# A crash is an exception in a simulation, as against a physical failure, which is a result. The
+# job then writes a row of status "failed", so that the campaign goes on and reports it, and counts
+# the crash in a file that is no output of any rule. The count is a parameter of the job's rule: it
+# has changed at the next start of Snakemake, which therefore tries again. It never goes down, so a
+# run that has recovered is left alone.
+
+
+def count_crashes(directory: Path, identifier: str) -> int:
+    """How often the job has crashed so far."""
+    path = Path(directory) / f"{identifier}.txt"
+    return int(path.read_text().split(maxsplit=1)[0]) if path.exists() else 0
+
+
+def record_crash(directory: Path, identifier: str, reason: str) -> None:
+    """Count one more crash of the job and keep its reason."""
+    count = count_crashes(directory, identifier) + 1
+    path = Path(directory) / f"{identifier}.txt"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(f"{count}\n{reason}\n", encoding="utf-8")
+    part.replace(path)

@@ -1,0 +1,371 @@
+"""Time loop of one cell in one fluid, compiled from event to event.
+
+Order of a step: membrane and contact forces, spreading, streaming and collision, interpolation,
+motion. Fluid velocity and vertex positions belong to the same instant, half the force included.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from dldsim._numba import jit
+from dldsim.config import Cell, Numerics, Stiffness
+from dldsim.coupling import (
+    Contact,
+    Domain,
+    clearance,
+    contact_forces,
+    interpolate,
+    locate,
+    make_stencil,
+    spread,
+)
+from dldsim.flow import Fluid
+from dldsim.lattice import stream_collide
+from dldsim.membrane import (
+    Energies,
+    Moduli,
+    elastic_forces,
+    energies,
+    make_membrane,
+    make_scratch,
+    measure_faces,
+)
+from dldsim.mesh import area, frequency_for_edge, make_shape
+from dldsim.units import Units
+
+REFERENCE_VERTEX_AREA_UM2 = 490.27 / 1962
+"""Membrane area per vertex of the source mesh: friction, mass and contact are given for it."""
+CONTACT_STRENGTH = 1e-4  # nN µm^2.2, per vertex of the source mesh
+CONTACT_EXPONENT = 1.2
+CONTROL_INTERVAL = 20  # steps between corrections of the body force
+CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corrected
+
+
+class Drive(NamedTuple):
+    """Control of the body force: f += gain · (target - mean velocity), x and y.
+
+    ``gain`` (2, 2); ``target`` (2,); ``nodes`` of fluid and ``cells`` of the whole box.
+    """
+
+    gain: np.ndarray
+    target: np.ndarray
+    nodes: int
+    cells: int
+
+
+class Body(NamedTuple):
+    """State of the membrane: position, velocity and force of the vertices (V, 3).
+
+    ``smooth``: running mean of the velocity on which dashpots (no-slip) or drag act.
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    smooth: np.ndarray
+    force: np.ndarray
+    drag: np.ndarray
+    weights: np.ndarray
+
+
+@jit
+def mean_velocity(velocity, drive, mean):
+    """Mean velocity along x and y over the whole box."""
+    stride = len(velocity) // 3
+    for d in range(2):
+        total = 0.0
+        for i in range(drive.nodes):
+            total += velocity[d * stride + i]
+        mean[d] = total / drive.cells
+
+
+@jit
+def control_force(velocity, drive, parameters, mean):
+    """Correct the body force (parameters 4 and 5) towards the target mean velocity."""
+    mean_velocity(velocity, drive, mean)
+    for d in range(2):
+        for e in range(2):
+            parameters[4 + d] += drive.gain[d, e] * (drive.target[e] - mean[e])
+
+
+@jit
+def advance_no_slip(
+    steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
+    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, blend,
+):  # fmt: skip
+    """An even number of steps with vertices moving with the fluid (Peskin 2002).
+
+    Dashpots act on a running mean of the velocity, of which each step replaces the part ``blend``.
+    """
+    points = body.weights.shape[1]
+    for step in range(steps):
+        elastic_forces(body.x, body.smooth, membrane, moduli, scratch, body.force)
+        contact_forces(body.x, contact, body.force)
+        locate(body.x, domain, points, body.weights, stencil)
+        force[:] = 0.0
+        spread(body.force, stencil, force)
+        if step % 2 == 0:
+            stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
+        else:
+            stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
+        interpolate(velocity, stencil, body.v)
+        for i in range(body.x.shape[0]):
+            for d in range(3):
+                body.x[i, d] += body.v[i, d]
+                body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
+        if step % CONTROL_INTERVAL == 0:
+            control_force(velocity, drive, parameters, mean)
+
+
+@jit
+def advance_dissipative(
+    steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
+    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, friction, mass, blend,
+):  # fmt: skip
+    """An even number of steps with vertices of given mass dragged by the fluid.
+
+    Velocity Verlet; each vertex feels -γ(v - u) and the fluid the opposite (Ahlrichs & Dünweg
+    1999), with a running mean of u of which each step replaces the part ``blend``. ``body.force``
+    carries the force of the previous step.
+    """
+    points = body.weights.shape[1]
+    for step in range(steps):
+        for i in range(body.x.shape[0]):
+            for d in range(3):
+                body.v[i, d] += body.force[i, d] / (2.0 * mass)
+                body.x[i, d] += body.v[i, d]
+        elastic_forces(body.x, body.v, membrane, moduli, scratch, body.force)
+        contact_forces(body.x, contact, body.force)
+        locate(body.x, domain, points, body.weights, stencil)
+        interpolate(velocity, stencil, body.drag)
+        for i in range(body.x.shape[0]):
+            for d in range(3):
+                body.smooth[i, d] += blend * (body.drag[i, d] - body.smooth[i, d])
+                body.drag[i, d] = friction * (body.v[i, d] - body.smooth[i, d])
+                body.force[i, d] -= body.drag[i, d]
+                body.v[i, d] += body.force[i, d] / (2.0 * mass)
+        force[:] = 0.0
+        spread(body.drag, stencil, force)
+        if step % 2 == 0:
+            stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
+        else:
+            stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
+        if step % CONTROL_INTERVAL == 0:
+            control_force(velocity, drive, parameters, mean)
+
+
+@jit
+def fastest(velocity, nodes):
+    """Largest speed on the fluid nodes; NaN if any velocity is not finite."""
+    stride = len(velocity) // 3
+    most = 0.0
+    for i in range(nodes):
+        u, v, w = velocity[i], velocity[stride + i], velocity[2 * stride + i]
+        speed2 = u * u + v * v + w * w
+        if not speed2 < 1e30:
+            return np.nan
+        most = max(most, speed2)
+    return np.sqrt(most)
+
+
+@jit
+def centroid(x, faces, centre):
+    """Centroid of the enclosed volume."""
+    total = 0.0
+    centre[:] = 0.0
+    for n in range(faces.shape[0]):
+        a, b, c = faces[n, 0], faces[n, 1], faces[n, 2]
+        ax, ay, az = x[a, 0] - x[0, 0], x[a, 1] - x[0, 1], x[a, 2] - x[0, 2]
+        bx, by, bz = x[b, 0] - x[0, 0], x[b, 1] - x[0, 1], x[b, 2] - x[0, 2]
+        cx, cy, cz = x[c, 0] - x[0, 0], x[c, 1] - x[0, 1], x[c, 2] - x[0, 2]
+        part = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+        total += part
+        centre[0] += part * (ax + bx + cx)
+        centre[1] += part * (ay + by + cy)
+        centre[2] += part * (az + bz + cz)
+    for d in range(3):
+        centre[d] = x[0, d] + centre[d] / (4.0 * total)
+
+
+def deformation_index(extent_x, extent_y):
+    """DI = (a - b)/(a + b) of the bounding box of the profile seen along z, and a, b."""
+    a, b = np.maximum(extent_x, extent_y), np.minimum(extent_x, extent_y)
+    return (a - b) / (a + b), a, b
+
+
+def velocity_blend(kvisc: float, viscosity: float, edge: float) -> float:
+    """Part of the running mean of vertex velocities that each step replaces.
+
+    A force that answers the velocity of the last step (dashpots, drag of the dissipative coupling)
+    excites the lattice fluid at its shortest period, two steps, to which it responds strongly: a
+    drag of only 0.1 per step and vertex was seen to diverge. Forces act on a running mean instead.
+    Ten steps are short beside the time in which a cell moves by its radius (hundreds). A dashpot
+    that drives up to ``gain`` times the velocity it answers asks for a slower mean: 9 k_visc per
+    vertex, times the mobility 1/(2π μ √3/2 edge) of a sheet with forces alternating between
+    neighbours.
+    """
+    gain = 9 * kvisc / (2 * np.pi * viscosity * np.sqrt(0.75) * edge)
+    return min(0.1, 0.5 / (1 + gain))
+
+
+def volume_stiffness(kv: float, area: float, volume: float) -> float:
+    """Volume constant k_v that the explicit step can carry, lattice units.
+
+    The volume oscillates against the fluid in the kernel, a layer about one node thick, with
+    ω² = k_v A/V; leapfrog needs ω² < 4, and the weakly compressible fluid (bulk modulus 1/3) asks
+    for less. Inside an impermeable membrane the fluid already keeps the volume: k_v only answers
+    numerical leakage, whose size each run records, and is limited to ω² = 1/2.
+    """
+    return min(kv, 0.5 * volume / area)
+
+
+def vertex_mass(friction: float, moduli: Moduli) -> float:
+    """Vertex mass of the dissipative coupling, lattice units; numerical, without a physical role.
+
+    The source's ratio of relaxation time to time step, m/(γΔt) = 1/0.156, would make the membrane
+    sluggish at the larger steps used here. The mass is the smallest that meets the explicit limits
+    γΔt/m < 2, 9 k_visc Δt/m < 2 and k < 4m/(6Δt²), each by a factor of two.
+    """
+    stiffest = max(moduli.ks + moduli.kal, moduli.kb)
+    return max(2 * friction, 9 * moduli.kvisc, 3 * stiffest)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What is recorded of a cell at one instant; lattice units."""
+
+    step: int
+    centre: np.ndarray
+    velocity: np.ndarray
+    extent: np.ndarray
+    volume_ratio: float
+    area_ratio: float
+    clearance: float
+    speed_max: float
+    mean_velocity: np.ndarray
+
+    def trouble(self) -> str | None:
+        """Why the run has left its safe range, or None."""
+        if not np.isfinite([*self.centre, self.speed_max, self.volume_ratio]).all():
+            return "a value is not finite"
+        if self.speed_max > 0.35:
+            return f"fluid speed {self.speed_max:.2f} exceeds 0.35 (lattice units)"
+        if abs(self.volume_ratio - 1) > 0.2:
+            return f"cell volume drifted by {self.volume_ratio - 1:+.0%}"
+        if abs(self.area_ratio - 1) > 0.5:
+            return f"cell area drifted by {self.area_ratio - 1:+.0%}"
+        return None
+
+
+class CellInFlow:
+    """A cell in a fluid: owns the arrays of both and advances them together."""
+
+    def __init__(
+        self,
+        fluid: Fluid,
+        units: Units,
+        cell: Cell,
+        stiffness: Stiffness,
+        numerics: Numerics,
+        contact_surfaces: dict,
+        mobility: np.ndarray,
+        target: np.ndarray,
+    ):
+        """``contact_surfaces``: fields of :class:`dldsim.coupling.Contact` that name surfaces;
+        ``mobility`` (2, 2) and ``target`` (2,): mean velocity per force, and wanted, lattice units.
+        """
+        self.fluid, self.units, self.numerics = fluid, units, numerics
+        spacing = units.spacing_um
+        radius = cell.radius_um / spacing
+        shape = {"aspect_ratio": cell.aspect_ratio} if cell.shape == "ellipsoid" else {}
+        self._make = lambda n: make_shape(cell.shape, radius, n, axis=cell.axis, **shape)
+        probe = area(*self._make(8))
+        vertices, faces = self._make(frequency_for_edge(probe, numerics.edge_to_spacing))
+        self.membrane = make_membrane(vertices, faces)
+        self.scratch = make_scratch(self.membrane)
+        moduli = units.stiffness(stiffness)
+        moduli["kv"] = volume_stiffness(
+            moduli["kv"], self.membrane.rest_area, self.membrane.rest_volume
+        )
+        self.moduli = Moduli(**moduli)
+        self.rest_extent = np.ptp(vertices, axis=0)
+        v = len(vertices)
+        lattice = fluid.lattice
+        points = numerics.kernel_points
+        self.body = Body(
+            vertices.copy(), *(np.zeros((v, 3)) for _ in range(4)), np.zeros((3, points))
+        )  # fmt: skip
+        self.stencil = make_stencil(v, points)
+        self.domain = Domain(
+            lattice.nx, lattice.ny, lattice.nz, lattice.row_shift, lattice.walls, lattice.column
+        )
+        # Friction, mass and contact belong to a patch of membrane, whatever the mesh.
+        self.density = self.membrane.rest_area * spacing**2 / v / REFERENCE_VERTEX_AREA_UM2
+        strength = units.force(CONTACT_STRENGTH) * spacing ** -(CONTACT_EXPONENT + 1)
+        no_surface = {
+            "pillars": False, "pitch": 1.0, "row_shift": 0.0, "radius": 0.0,
+            "plates": False, "height": 0.0,
+            "channel": False, "profile": np.zeros((2, 1)), "centre": 0.0, "length": 1.0,
+        }  # fmt: skip
+        self.contact = Contact(
+            strength=np.full(v, strength * self.density),
+            exponent=CONTACT_EXPONENT,
+            reach=max(numerics.contact_range_um / spacing, 1e-9),
+            **{**no_surface, **contact_surfaces},
+        )
+        gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
+        self.drive = Drive(gain, np.asarray(target, float), lattice.nodes, lattice.cells)
+        self._mean = np.zeros(2)
+        edge = self.membrane.rest_lengths.mean()
+        self.blend = velocity_blend(self.moduli.kvisc, units.viscosity_lu, edge)
+        self.friction = units.friction(numerics.friction_nN_s_per_m) * self.density
+        self.mass = vertex_mass(self.friction, self.moduli)
+        self._centre = np.zeros(3)
+        self.steps = 0
+
+    @property
+    def vertices(self) -> int:
+        return len(self.body.x)
+
+    def place(self, centre) -> None:
+        """Move the resting cell to ``centre`` (3,) and let it drift with the fluid there."""
+        self.body.x[:] += np.asarray(centre) - self._centroid()
+
+    def advance(self, steps: int) -> None:
+        """Advance by an even number of steps."""
+        fluid = self.fluid
+        state = (
+            fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.lattice.streaming,
+            fluid.parameters, fluid.inertia, fluid.buffer, self.body, self.membrane, self.moduli,
+            self.scratch, self.stencil, self.domain, self.contact, self.drive, self._mean,
+        )  # fmt: skip
+        if self.numerics.coupling == "no-slip":
+            advance_no_slip(steps, *state, self.blend)
+        else:
+            advance_dissipative(steps, *state, self.friction, self.mass, self.blend)
+        self.steps += steps
+
+    def _centroid(self) -> np.ndarray:
+        centroid(self.body.x, self.membrane.faces, self._centre)
+        return self._centre.copy()
+
+    def sample(self) -> Sample:
+        """Record the present state."""
+        size, volume = measure_faces(self.body.x, self.membrane.faces, self.scratch.area_vectors)
+        mean_velocity(self.fluid.velocity, self.drive, self._mean)
+        return Sample(
+            self.steps,
+            self._centroid(),
+            self.body.v.mean(axis=0),
+            np.ptp(self.body.x, axis=0),
+            volume / self.membrane.rest_volume,
+            size / self.membrane.rest_area,
+            clearance(self.body.x, self.contact),
+            float(fastest(self.fluid.velocity, self.fluid.lattice.nodes)),
+            self._mean.copy(),
+        )
+
+    def energies(self) -> Energies:
+        """Elastic energy of each term, lattice units."""
+        return energies(self.body.x, self.membrane, self.moduli)

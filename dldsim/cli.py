@@ -1,0 +1,479 @@
+"""Commands for one-off use: run, flow, constrict, anova, design, info.
+
+Summaries go to standard output, as text or as one JSON object; all else goes to standard error.
+Keys of the summaries are the tables' column names.
+"""
+
+import argparse
+import difflib
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dldsim import __version__
+from dldsim.config import (
+    Cell,
+    Config,
+    ConstrictionGroup,
+    DesignRequest,
+    Flow,
+    Geometry,
+    Numerics,
+    RunControl,
+    Section,
+    Sweep,
+    check_gap,
+    check_passable,
+    read_config,
+    validate,
+)
+from dldsim.errors import DldsimError
+
+EXAMPLES = {
+    "run": "python -m dldsim run --pillar-radius-um 10 --gap-um 20 --periodicity 6 --set 1 "
+           "--out single",
+    "flow": "python -m dldsim flow --pillar-radius-um 10 --gap-um 20 --periodicity 6 "
+            "--drive axial --height-um 0 --json",
+    "constrict": "python -m dldsim constrict --set 1 --json",
+    "anova": "python -m dldsim anova results/runs.parquet",
+    "design": "python -m dldsim design --set1 1 --set2 5 --gap-um 14 22 --trials 100",
+    "info": "python -m dldsim info results/runs.parquet",
+}
+UNITS = {
+    "_um": "µm", "_mm_s": "mm/s", "_mPa_s": "mPa·s", "_nN_s_per_m": "nN·s/m", "_pg": "pg",
+}  # fmt: skip
+"""Unit suffixes of option names."""
+DEFAULT_CONFIG = Path("config.yaml")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code: 0, 2 (bad input) or 130 (interrupted)."""
+    args = _parser().parse_args(argv)
+    try:
+        summary, lines = args.command(args)
+    except DldsimError as error:
+        sys.stderr.write(f"dldsim {args.name}: {error}\n")
+        return 2
+    except KeyboardInterrupt:
+        sys.stderr.write(
+            f"\ndldsim {args.name}: interrupted. Nothing of this {args.name} was written; files "
+            "that were complete before are untouched.\n"
+        )
+        return 130
+    if args.json:
+        lines = [json.dumps(summary, default=_plain, allow_nan=False)]
+    try:
+        sys.stdout.writelines(f"{line}\n" for line in lines)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader, such as head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0
+
+
+# ---------------------------------------------------------------------------------------- commands
+
+
+def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """One cell through one array."""
+    from dldsim import campaign
+
+    config = _campaign(args.config)
+    geometry = _geometry(args)
+    cell = _section(Cell, config, args)
+    flow, numerics = _section(Flow, config, args), _section(Numerics, config, args)
+    control = _section(RunControl, config, args)
+    check_gap(geometry, _safety_distance(config))
+    check_passable(geometry, cell, flow.height_um)
+    stiffness = _named(config, "stiffness_sets", args.set, "--set")
+    identifier = campaign.run_id(campaign.Run(geometry, args.set))
+    from dldsim import jobs
+    from dldsim.simulation import simulate_run
+
+    with _progress() as progress:
+        result = simulate_run(
+            geometry, stiffness, cell, flow, numerics, control, run_id=identifier,
+            stiffness_set=args.set, progress=progress,
+        )  # fmt: skip
+    summary = dict(result.row)
+    if args.out:
+        settings = {
+            section.__class__.__name__: section.model_dump(mode="json")
+            for section in (geometry, stiffness, cell, flow, numerics, control)
+        }
+        row = args.out / f"{identifier}.run.parquet"
+        trajectory = args.out / f"{identifier}.trajectory.parquet"
+        jobs.write_run(result, row, trajectory, settings)
+        summary["files"] = [str(row), str(trajectory)]
+    return summary, _listing(summary)
+
+
+def flow(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Flow through an array without a cell."""
+    config = _campaign(args.config)
+    geometry = _geometry(args)
+    sections = [_section(model, config, args) for model in (Flow, Numerics)]
+    from dldsim import jobs
+    from dldsim.flow import solve_empty_array
+
+    with _progress() as progress:
+        result = solve_empty_array(geometry, *sections, progress)
+    summary = jobs.flow_row(result)
+    if args.out:
+        result.save(args.out)
+        summary["files"] = [str(args.out)]
+    return summary, _listing(summary)
+
+
+def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """One cell through the constriction channel."""
+    config = _campaign(args.config)
+    name, group = _constriction_group(config, args)
+    channel = config.constriction
+    release = args.release_position_um
+    if release is None:
+        release = channel.release_positions_um[0]
+    sections = [_section(model, config, args) for model in (Cell, Flow, Numerics)]
+    from dldsim import jobs
+    from dldsim.constriction import simulate_constriction
+
+    with _progress() as progress:
+        result = simulate_constriction(
+            name, group, channel, *sections, release_position_um=release,
+            run_id=f"{name}_at-{release:g}", progress=progress,
+        )  # fmt: skip
+    summary = dict(result.row)
+    if args.out:
+        settings = {
+            section.__class__.__name__: section.model_dump(mode="json")
+            for section in (group, channel, *sections)
+        }
+        row = args.out / f"{summary['run_id']}.run.parquet"
+        trajectory = args.out / f"{summary['run_id']}.trajectory.parquet"
+        jobs.write_constriction(result, row, trajectory, settings)
+        summary["files"] = [str(row), str(trajectory)]
+    return summary, _listing(summary)
+
+
+def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Analysis of variance of anybody's table of runs."""
+    from dldsim import statistics
+
+    result = statistics.anova(_read_any(args.table))
+    return {"table": str(args.table), "rows": _records(result)}, _frame_lines(result)
+
+
+def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Geometries that separate two cell types best."""
+    from dldsim import surrogate
+    from dldsim.jobs import search_designs
+    from dldsim.tables import read_table
+
+    request = validate(DesignRequest, {"name": "command-line"} | _given(DesignRequest, args))
+    by_name = request.stiffness_set_1 is not None or request.stiffness_set_2 is not None
+    path = args.calibration or args.results / "calibration.parquet"
+    calibration = read_table("calibration", path) if by_name else None
+    model = surrogate.load(
+        args.model or args.results / "surrogate.json",
+        args.card or args.results / "surrogate_card.json",
+    )
+    safety = args.safety_distance_um
+    designs, trials = search_designs(model, [request], calibration, safety, args.seed)
+    summary = {"designs": _records(designs), "trials": len(trials), "seed": args.seed}
+    return summary, _frame_lines(designs)
+
+
+def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """What a table holds and where it comes from."""
+    from dldsim.tables import describe
+
+    about = describe(args.file)
+    origin = ", ".join(f"{k} {v}" for k, v in about["provenance"].items() if k != "settings")
+    lines = [f"{about['file']}: {about['kind']}, {about['rows']} rows", f"made by: {origin}", ""]
+    width = max(len(column["name"]) for column in about["columns"])
+    lines += [
+        f"{c['name']:{width}}  {c['unit']:8}  {c['description']}"
+        f"{' (null: not measured)' if c['nullable'] else ''}"
+        for c in about["columns"]
+    ]
+    return about, lines
+
+
+# ------------------------------------------------------------------------------------------- input
+
+
+def _campaign(path: Path | None) -> Config | None:
+    """The configuration file, by default ./config.yaml; None if there is none."""
+    if path is None and not DEFAULT_CONFIG.exists():
+        return None
+    return read_config(path or DEFAULT_CONFIG)
+
+
+def _safety_distance(config: Config | None) -> float:
+    if config is None:
+        return Sweep.model_fields["safety_distance_um"].default
+    return config.sweep.safety_distance_um
+
+
+def _given(model: type[Section], args: argparse.Namespace) -> dict:
+    """The fields of a section that the command line names."""
+    values = {key: getattr(args, key, None) for key in model.model_fields}
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _section(model: type[Section], config: Config | None, args: argparse.Namespace) -> Any:
+    """A section of the configuration with the command line over it."""
+    base = {}
+    if config is not None:
+        [base] = [s.model_dump() for _, s in config if type(s) is model]
+    return validate(model, base | _given(model, args))
+
+
+def _geometry(args: argparse.Namespace) -> Geometry:
+    return validate(Geometry, _given(Geometry, args))
+
+
+def _named(config: Config | None, section: str, name: str, option: str) -> Any:
+    """An entry of a section by name."""
+    if config is None:
+        raise DldsimError(
+            f"{option} {name}: {section} are read from a configuration file, and there is no "
+            "config.yaml here. Name one with --config FILE."
+        )
+    entries = getattr(config, section)
+    if name not in entries:
+        close = difflib.get_close_matches(name, entries, n=1)
+        hint = f" Did you mean {close[0]}?" if close else ""
+        raise DldsimError(
+            f"{option} {name}: unknown, {section} has {', '.join(entries)}.{hint}"
+        )
+    return entries[name]
+
+
+def _constriction_group(config: Config | None, args: argparse.Namespace
+                        ) -> tuple[str, ConstrictionGroup]:
+    if args.group is not None:
+        name = args.group
+        group = _named(config, "constriction_groups", name, "--group")
+    else:
+        _named(config, "stiffness_sets", args.set, "--set")
+        groups = config.constriction_groups
+        found = [name for name, group in groups.items() if group.stiffness_set == args.set]
+        if not found:
+            raise DldsimError(
+                f"--set {args.set}: no constriction group has this stiffness set. Name one with "
+                f"--group: {', '.join(groups)}."
+            )
+        name, group = found[0], groups[found[0]]
+    return name, validate(ConstrictionGroup, group.model_dump() | _given(ConstrictionGroup, args))
+
+
+def _read_any(path: Path):
+    """A CSV or Parquet table of any origin as a DataFrame."""
+    import pandas as pd
+
+    readers = {".csv": pd.read_csv, ".parquet": pd.read_parquet}
+    if path.suffix not in readers:
+        raise DldsimError(f"{path}: a table must be a .csv or .parquet file.")
+    try:
+        return readers[path.suffix](path)
+    except FileNotFoundError as error:
+        raise DldsimError(f"{path} does not exist.") from error
+    except Exception as error:
+        raise DldsimError(f"{path} is not a readable {path.suffix[1:]} file: {error}") from error
+
+
+# ------------------------------------------------------------------------------------------ output
+
+
+class _progress:
+    """Context: shows sentences on standard error, one over the other on a terminal."""
+
+    def __enter__(self) -> Callable[[str], None]:
+        self.terminal, self.open = sys.stderr.isatty(), False
+        return self.show
+
+    def show(self, sentence: str) -> None:
+        sys.stderr.write(f"\r\x1b[K{sentence}" if self.terminal else f"{sentence}\n")
+        sys.stderr.flush()
+        self.open = self.terminal
+
+    def __exit__(self, *exception) -> None:
+        if self.open:
+            sys.stderr.write("\n")
+
+
+def _plain(value: Any) -> Any:
+    """NumPy values as Python's."""
+    return value.tolist()
+
+
+def _listing(summary: Mapping[str, Any]) -> list[str]:
+    width = max(map(len, summary))
+    return [f"{key:{width}}  {_short(value)}" for key, value in summary.items()]
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "not measured"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_short, value)) or "none"
+    return str(value)
+
+
+def _records(frame) -> list[dict]:
+    return json.loads(frame.to_json(orient="records", double_precision=15))
+
+
+def _frame_lines(frame) -> list[str]:
+    """A table without its notes, and each different note below."""
+    notes = frame["note"].unique() if "note" in frame else []
+    numbers = frame.drop(columns="note", errors="ignore")
+    lines = numbers.to_string(index=False, na_rep="", float_format="{:.4g}".format).splitlines()
+    return lines + [f"note: {note}" for note in notes if note]
+
+
+# ------------------------------------------------------------------------------------------ parser
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong without the whole usage."""
+
+    def error(self, message: str):
+        self.exit(2, f"{self.prog}: {message}\nSee {self.prog} --help\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="python -m dldsim",
+        description="Deformable cells in deterministic lateral displacement arrays. A whole "
+                    "campaign is run by: snakemake -j2 all",
+    )
+    parser.add_argument("--version", action="version", version=f"dldsim {__version__}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    one = _command(commands, "run", run, "one cell through one array")
+    _add_geometry(one)
+    one.add_argument("--set", required=True, metavar="NAME",
+                     help="stiffness set, a name from stiffness_sets in the configuration")
+    _add_fields(one, "channel and flow", Flow)
+    _add_fields(one, "cell", Cell)
+    _add_fields(one, "numerics", Numerics)
+    _add_fields(one, "when to stop", RunControl)
+    _add_config(one)
+    one.add_argument("--out", type=Path, metavar="DIR",
+                     help="write RUN.run.parquet and RUN.trajectory.parquet there")
+
+    empty = _command(commands, "flow", flow, "flow through an array without a cell")
+    _add_geometry(empty)
+    _add_fields(empty, "channel and flow", Flow)
+    _add_fields(empty, "numerics", Numerics)
+    _add_config(empty)
+    empty.add_argument("--out", type=Path, metavar="FILE.npz", help="save the flow there")
+
+    channel = _command(commands, "constrict", constrict, "one cell through the constriction")
+    which = channel.add_mutually_exclusive_group(required=True)
+    which.add_argument("--set", metavar="NAME", help="the group that calibrates this stiffness set")
+    which.add_argument("--group", metavar="NAME", help="a name from constriction_groups")
+    channel.add_argument("--velocity-mm-s", type=float, metavar="mm/s",
+                         help="mean velocity in the wide channel; default: the group's")
+    channel.add_argument("--release-position-um", type=float, metavar="µm",
+                         help="release along the flow, from the first possible position; "
+                              "default: the first of constriction.release_positions_um")
+    _add_fields(channel, "cell", Cell)
+    _add_fields(channel, "numerics", Numerics)
+    _add_config(channel)
+    channel.add_argument("--out", type=Path, metavar="DIR",
+                         help="write its row and its trajectory there, as Parquet")
+
+    variance = _command(commands, "anova", anova, "analysis of variance of the migration angle")
+    variance.add_argument("table", type=Path, metavar="TABLE",
+                          help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
+                               "periodicity, stiffness_set, deformation_index and "
+                               "migration_angle_deg")
+
+    wanted = _command(commands, "design", design, "geometries that separate two cell types best")
+    for i in "12":
+        cell = wanted.add_mutually_exclusive_group(required=True)
+        cell.add_argument(f"--di{i}", type=float, dest=f"deformation_index_{i}", metavar="DI",
+                          help=f"deformation index of cell type {i}, 0 to 1")
+        cell.add_argument(f"--set{i}", dest=f"stiffness_set_{i}", metavar="NAME",
+                          help=f"stiffness set of cell type {i}, instead")
+        _add_option(wanted, DesignRequest, f"radius_{i}_um", f"--r{i}")
+    for key, kind in (("pillar_radius_um", float), ("gap_um", float), ("periodicity", int)):
+        low, high = DesignRequest.model_fields[key].default
+        wanted.add_argument(_option(key), type=kind, nargs=2, metavar=("LOW", "HIGH"),
+                            help=f"bounds of the search; default {low:g} {high:g}")
+    for key in ("trials", "startup_trials", "candidates", "tolerance_um"):
+        _add_option(wanted, DesignRequest, key)
+    wanted.add_argument("--safety-distance-um", type=float, metavar="µm",
+                        default=Sweep.model_fields["safety_distance_um"].default,
+                        help="a gap must exceed P_r + this; default %(default)s")
+    wanted.add_argument("--seed", type=int, default=1, metavar="N", help="default %(default)s")
+    wanted.add_argument("--results", type=Path, default=Path("results"), metavar="DIR",
+                        help="campaign whose surrogate and calibration are taken; default "
+                             "%(default)s")
+    for key in ("model", "card", "calibration"):
+        wanted.add_argument(f"--{key}", type=Path, metavar="FILE",
+                            help=f"{key} file, instead of the one in the results folder")
+
+    about = _command(commands, "info", info, "columns, units and provenance of a table")
+    about.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")
+    return parser
+
+
+def _command(commands, name: str, function: Callable, purpose: str) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        name, help=purpose, description=f"{purpose.capitalize()}.",
+        epilog=f"example: {EXAMPLES[name]}",
+    )
+    parser.set_defaults(command=function, name=name)
+    parser.add_argument("--json", action="store_true",
+                        help="print the summary as one JSON object; keys are column names")
+    return parser
+
+
+def _option(key: str) -> str:
+    return "--" + key.replace("_", "-")
+
+
+def _add_geometry(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("geometry")
+    for key in Geometry.model_fields:
+        _add_option(group, Geometry, key, required=True)
+
+
+def _add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config", type=Path, metavar="FILE",
+                        help="configuration that the options go over; default: ./config.yaml if "
+                             "present, else the defaults above")
+
+
+def _add_fields(parser: argparse.ArgumentParser, title: str, model: type[Section]) -> None:
+    group = parser.add_argument_group(title)
+    for key in model.model_fields:
+        _add_option(group, model, key, "--cell-shape" if key == "shape" else None)
+
+
+def _add_option(parser, model: type[Section], key: str, option: str | None = None,
+                required: bool = False) -> None:
+    """An option for one field of a section, with its unit, choices, meaning, range and default."""
+    field = model.model_fields[key]
+    kind, choices, unit = field.annotation, None, None
+    if choices := getattr(kind, "__args__", None):  # Literal
+        kind = type(choices[0])
+    else:
+        unit = next((text for end, text in UNITS.items() if key.endswith(end)),
+                    "N" if kind is int else "X")
+    signs = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
+    limits = [f"{sign}{getattr(m, name):g}" for m in field.metadata
+              for name, sign in signs.items() if getattr(m, name, None) is not None]
+    about = f"{field.description} ({', '.join(limits)})" if limits else field.description
+    if not required:
+        about += f"; default {field.default}"
+    parser.add_argument(option or _option(key), dest=key, type=kind, choices=choices,
+                        required=required, metavar=unit, help=about.replace("%", "%%"))
