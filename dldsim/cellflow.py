@@ -289,7 +289,7 @@ class CellInFlow:
             moduli["kv"], self.membrane.rest_area, self.membrane.rest_volume
         )
         self.moduli = Moduli(**moduli)
-        self.rest_extent = np.ptp(vertices, axis=0)
+        self.radius_um = cell.radius_um
         v = len(vertices)
         lattice = fluid.lattice
         points = numerics.kernel_points

@@ -1,0 +1,347 @@
+"""One run: one cell through one array, until its motion repeats."""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dldsim.cellflow import CellInFlow, Sample, deformation_index
+from dldsim.config import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.errors import DldsimError
+from dldsim.flow import EmptyFlow, Fluid, array_of, solve_empty_array
+from dldsim.geometry import ArrayLattice
+from dldsim.trajectory import Migration, analyse_path, row_crossings
+from dldsim.units import Units
+
+Progress = Callable[[str], None] | None
+
+STUCK_ROWS = 3.0
+"""A cell that needs longer than the mean flow for this many rows to cross a tenth of one is stuck."""
+RELEASE_CLEARANCE = 0.5
+"""Least distance, in nodes, between membrane and solids at release."""
+
+
+@dataclass
+class Record:
+    """Samples of a run, turned into the columns of a table at the end."""
+
+    run_id: str
+    units: Units
+    origin: np.ndarray
+    samples: list = field(default_factory=list)
+    energies: list = field(default_factory=list)
+
+    def add(self, sample: Sample, energies) -> None:
+        self.samples.append(sample)
+        self.energies.append(energies)
+
+    def column(self, name: str) -> np.ndarray:
+        return np.array([getattr(s, name) for s in self.samples])
+
+    def positions_um(self) -> np.ndarray:
+        """Centres (samples, 3) [µm] from the origin."""
+        return (self.column("centre") - self.origin) * self.units.spacing_um
+
+    def extents_um(self) -> np.ndarray:
+        """Bounding boxes (samples, 3) [µm]."""
+        return self.column("extent") * self.units.spacing_um
+
+    def time_and_place(self) -> dict[str, np.ndarray]:
+        """Columns that every trajectory table has."""
+        x, y, z = self.positions_um().T
+        return {
+            "run_id": np.full(len(self.samples), self.run_id),
+            "step": self.column("step"),
+            "t_ms": self.column("step") * self.units.time_step_us / 1e3,
+            "x_um": x,
+            "y_um": y,
+            "z_um": z,
+        }
+
+    def trajectory(self) -> dict[str, np.ndarray]:
+        """Columns of the `trajectory` table."""
+        dx, dy, _ = self.extents_um().T
+        index, a, b = deformation_index(dx, dy)
+        v = self.units.velocity_from_lu(self.column("velocity"))
+        energy = self.units.energy_aJ(np.array(self.energies))
+        terms = ("stretching", "bending", "local_area", "global_area", "volume")
+        return {
+            **self.time_and_place(),
+            **{f"v{axis}_mm_s": v[:, d] for d, axis in enumerate("xyz")},
+            "deformation_index": index,
+            "axis_a_um": a,
+            "axis_b_um": b,
+            "volume_ratio": self.column("volume_ratio"),
+            "area_ratio": self.column("area_ratio"),
+            "clearance_um": self.column("clearance") * self.units.spacing_um,
+            **{f"energy_{term}_aJ": energy[:, k] for k, term in enumerate(terms)},
+        }
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """``row``: one row of `runs`; ``trajectory``: columns of `trajectory`."""
+
+    row: dict
+    trajectory: dict
+
+
+def simulate_run(
+    geometry: Geometry,
+    stiffness: Stiffness,
+    cell: Cell,
+    flow: Flow,
+    numerics: Numerics,
+    control: RunControl,
+    *,
+    run_id: str,
+    stiffness_set: str,
+    empty_flow: EmptyFlow | None = None,
+    progress: Progress = None,
+) -> RunResult:
+    """Carry one cell through the array until its motion repeats or ``control.max_rows`` are done.
+
+    A cell that clogs or a run that leaves its stable range is a result with a status. Raises
+    DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
+    """
+    start = time.perf_counter()
+    if flow.height_um == 0:
+        raise DldsimError("height_um = 0 is the two-dimensional limit of the empty flow; a cell "
+                          "needs a channel height, at least its own size.")  # fmt: skip
+    if empty_flow is None:
+        empty_flow = solve_empty_array(geometry, flow, numerics, progress)
+    array = array_of(empty_flow)
+    scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
+    units = scene.units
+    record = Record(run_id, units, np.array([array.pitch, array.pitch, array.height]) / 2)
+    row_steps = array.pitch / numerics.velocity_lu
+    chunk = 2 * max(1, round(row_steps / control.records_per_row / 2))
+    patience = STUCK_ROWS * row_steps
+    lateral = np.array([])
+    path = Path(pitch=float(array.pitch))
+    reporter = Reporter(progress, control.max_rows, array, scene)
+    status = reason = None
+    sample = scene.sample()
+    record.add(sample, scene.energies())
+    path.add(sample)
+    loop = time.perf_counter()
+    while status is None:
+        scene.advance(chunk)
+        sample = scene.sample()
+        trouble = sample.trouble()
+        if trouble:
+            status, reason = "unstable", f"{trouble} at step {scene.steps}; {REMEDY}"
+            break
+        record.add(sample, scene.energies())
+        path.add(sample)
+        if path.rows > len(lateral) - 1:
+            lateral = path.crossings()
+            result = analyse_path(
+                lateral, array.pitch, geometry.periodicity, control.orbit_tolerance
+            )
+            if path.rows >= geometry.periodicity and result.status in ("converged", "periodic"):
+                status, reason = result.status, result.reason
+            elif path.rows >= control.max_rows:
+                status, reason = "period_limit", result.reason
+        if path.idle(scene.steps, patience):
+            status = "stuck"
+            reason = (
+                f"the cell moved less than {0.1 * geometry.pitch_um:.1f} µm in the time in which "
+                f"the mean flow passes {STUCK_ROWS:g} rows (step {scene.steps})"
+            )
+        reporter.report(sample, path.rows)
+    wall = time.perf_counter() - loop
+    lateral = path.crossings()
+    migration = analyse_path(lateral, array.pitch, geometry.periodicity, control.orbit_tolerance)
+    if status in ("unstable", "stuck"):
+        migration = Migration(status, reason, "none", None, None, None, 0, migration.lateral_steps)
+    row = {
+        "run_id": run_id,
+        "pillar_radius_um": geometry.pillar_radius_um,
+        "gap_um": geometry.gap_um,
+        "pitch_um": geometry.pitch_um,
+        "periodicity": geometry.periodicity,
+        "row_shift_fraction": geometry.row_shift_fraction,
+        "stiffness_set": stiffness_set,
+        "cell_shape": cell.shape,
+        "cell_radius_um": cell.radius_um,
+        "height_um": flow.height_um,
+        **stiffness.model_dump(),
+        "mean_velocity_mm_s": flow.mean_velocity_mm_s,
+        "status": status,
+        "stop_reason": reason,
+        "mode": migration.mode,
+        "migration_angle_deg": migration.migration_angle_deg,
+        "first_period_angle_deg": migration.first_period_angle_deg,
+        "sigma_num_deg": migration.sigma_num_deg,
+        "bump_angle_deg": math.degrees(math.atan(geometry.row_shift_fraction)),
+        "rows_completed": path.rows,
+        "orbit_rows": migration.orbit_rows,
+        "lateral_steps_um": (migration.lateral_steps * array.spacing_um).tolist(),
+        **cost_and_quality(scene, record, wall),
+        "rows_in_domain": numerics.rows,
+        "lanes_in_domain": numerics.lanes,
+        "capillary_number": units.capillary_number(stiffness.ks_uN_per_m),
+        "confinement": 2 * cell.radius_um / geometry.gap_um,
+        "left_out": left_out(array, geometry, stiffness, numerics),
+        "numerics": json.dumps(
+            {
+                **numerics.model_dump(),
+                "pitch_nodes": array.pitch,
+                "row_shift_nodes": array.row_shift,
+                "height_on_lattice_um": array.height_um,
+                "kv_used_lu": scene.moduli.kv,
+                "kv_wanted_lu": units.pressure(stiffness.kv_Pa),
+                "velocity_blend": scene.blend,
+                "release_axis": cell.axis,
+                "release_gap_fraction": cell.release_gap_fraction,
+                "start_up_s": round(loop - start, 3),
+            }
+        ),
+    }
+    return RunResult(row, record.trajectory())
+
+
+REMEDY = (
+    "usual cures: finer numerics.spacing_um, lower numerics.velocity_lu, "
+    "or numerics.kernel_points 4"
+)
+
+
+def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> dict:
+    """Columns of `runs` about cost, conservation and numbers of the run."""
+    nodes = scene.fluid.lattice.nodes
+    mean = record.column("mean_velocity")[1:]
+    flux = mean[:, 1].mean() / mean[:, 0].mean() if len(mean) else 0.0
+    clearance = float(record.column("clearance").min()) * record.units.spacing_um
+    index, _, _ = deformation_index(*record.extents_um().T[:2])
+    return {
+        "steps": scene.steps,
+        "nodes": nodes,
+        "vertices": scene.vertices,
+        "spacing_um": record.units.spacing_um,
+        "time_step_us": record.units.time_step_us,
+        "relaxation_time": scene.numerics.relaxation_time,
+        "wall_time_s": wall_time_s,
+        "ms_per_step": wall_time_s / scene.steps * 1e3,
+        "mlups": nodes * scene.steps / wall_time_s / 1e6,
+        "reynolds_number": record.units.reynolds_number(scene.radius_um),
+        "mach_max": float(record.column("speed_max").max()) * math.sqrt(3),
+        "lateral_flux_ratio": float(flux),
+        "volume_drift_max": float(np.abs(record.column("volume_ratio") - 1).max()),
+        "area_drift_max": float(np.abs(record.column("area_ratio") - 1).max()),
+        "min_clearance_um": clearance,
+        "mean_deformation_index": float(index.mean()),
+    }
+
+
+def make_scene(
+    array: ArrayLattice,
+    empty_flow: EmptyFlow,
+    stiffness: Stiffness,
+    cell: Cell,
+    flow: Flow,
+    numerics: Numerics,
+) -> CellInFlow:
+    """A cell at its place of release, midway between rows, in the flow of the empty array.
+
+    Raises DldsimError if the cell would overlap a pillar or a wall.
+    """
+    units = Units.of(array.spacing_um, flow, numerics)
+    fluid = Fluid.of(array.lattice, numerics)
+    if fluid.f.shape != empty_flow.populations.shape:
+        raise DldsimError("The empty flow belongs to another lattice; delete it and run again.")
+    fluid.f[:] = empty_flow.populations
+    fluid.set_body_force([*empty_flow.body_force, 0.0])
+    mobility = empty_flow.mobility
+    if flow.drive == "axial":
+        mobility = np.diag([mobility[0, 0], np.inf])
+    scene = CellInFlow(
+        fluid, units, cell, stiffness, numerics,
+        {
+            "pillars": True, "pitch": float(array.pitch), "row_shift": float(array.row_shift),
+            "radius": array.radius, "plates": True, "height": float(array.height),
+        },
+        mobility, np.array([numerics.velocity_lu, 0.0]),
+    )  # fmt: skip
+    gap = array.pitch - 2 * array.radius
+    lateral = array.pitch / 2 + array.radius + cell.release_gap_fraction * gap
+    scene.place([0.0, lateral, array.height / 2])
+    free = scene.sample().clearance
+    if free < RELEASE_CLEARANCE:
+        raise DldsimError(
+            f"The {cell.shape} of radius {cell.radius_um:g} µm (axis {cell.axis}) does not fit at "
+            f"its release: clearance {free * array.spacing_um:.2f} µm, needed "
+            f"{RELEASE_CLEARANCE * array.spacing_um:.2f} µm. Change cell.release_gap_fraction or "
+            f"cell.axis, or raise flow.height_um (now {flow.height_um:g})."
+        )
+    return scene
+
+
+class Path:
+    """Row crossings of a path while it grows; lattice units, first plane at x = 0."""
+
+    def __init__(self, pitch: float):
+        self.pitch = pitch
+        self.x, self.y = [], []
+        self.rows = 0
+        self._mark, self._mark_step = -math.inf, 0
+
+    def add(self, sample: Sample) -> None:
+        self.x.append(sample.centre[0])
+        self.y.append(sample.centre[1])
+        self.rows = max(self.rows, int(self.x[-1] // self.pitch))
+        if self.x[-1] > self._mark + 0.1 * self.pitch:
+            self._mark, self._mark_step = self.x[-1], sample.step
+
+    def idle(self, step: int, patience: float) -> bool:
+        """Whether the path has not advanced by a tenth of a row for ``patience`` steps."""
+        return step - self._mark_step > patience
+
+    def crossings(self) -> np.ndarray:
+        return row_crossings(np.array(self.x), np.array(self.y), 0.0, self.pitch)
+
+
+class Reporter:
+    """Says where the run is, at most once a second."""
+
+    def __init__(self, progress: Progress, max_rows: int, array: ArrayLattice, scene: CellInFlow):
+        self.progress, self.max_rows, self.array, self.scene = progress, max_rows, array, scene
+        self.start = self.last = time.perf_counter()
+
+    def report(self, sample: Sample, rows: int) -> None:
+        now = time.perf_counter()
+        if self.progress is None or now - self.last < 1:
+            return
+        self.last = now
+        done = max(sample.centre[0] / self.array.pitch, 1e-3)
+        left = (now - self.start) * (self.max_rows - done) / done
+        mlups = self.scene.fluid.lattice.nodes * sample.step / (now - self.start) / 1e6
+        self.progress(
+            f"step {sample.step:,}, {mlups:.0f} MLUPS, cell at x = "
+            f"{sample.centre[0] * self.array.spacing_um:.1f} µm, {rows} of at most "
+            f"{self.max_rows} rows, at most {left:.0f} s left"
+        )
+
+
+def left_out(
+    array: ArrayLattice, geometry: Geometry, stiffness: Stiffness, numerics: Numerics
+) -> str:
+    """What this scene does without, and what that saves."""
+    lattice = array.lattice
+    items = [f"solid nodes ({1 - lattice.nodes / lattice.cells:.0%} of the box)"]
+    if numerics.rows < geometry.periodicity:
+        items.append(
+            f"{geometry.periodicity - numerics.rows} of {geometry.periodicity} rows "
+            "(shifted periodicity)"
+        )
+    if numerics.inertia == "stokes":
+        items.append("convective inertia")
+    zero = [name for name, value in stiffness.model_dump().items() if value == 0]
+    if zero:
+        items.append("membrane terms of zero modulus: " + ", ".join(zero))
+    items.append("viscosity field (inside and outside alike)")
+    return "; ".join(items)
