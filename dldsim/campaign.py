@@ -27,7 +27,7 @@ class Run(NamedTuple):
 
 
 def _length(value: float) -> str:
-    """At least two digits before the point and one after it, so that identifiers sort."""
+    """At least two digits before the point and one after it: tenths of µm sort like numbers."""
     whole, decimals = f"{value:.3f}".split(".")
     return f"{whole:0>2}.{decimals.rstrip('0') or '0'}"
 

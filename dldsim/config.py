@@ -113,9 +113,9 @@ class Numerics(Section):
     coupling: Literal["no-slip", "dissipative"] = Field(
         "no-slip", description="how membrane and fluid are tied"
     )
-    kernel_points: Literal[2, 3, 4] = Field(2, description="width of the immersed-boundary kernel")
+    kernel_points: Literal[2, 3, 4] = Field(3, description="width of the immersed-boundary kernel")
     edge_to_spacing: float = Field(
-        0.85, ge=0.3, le=2, description="mean membrane edge / lattice spacing wanted"
+        1.0, ge=0.3, le=2, description="mean membrane edge / lattice spacing wanted"
     )
     friction_nN_s_per_m: float = Field(
         1.56, gt=0, description="dissipative coupling only: γ per vertex of the reference mesh"
@@ -126,11 +126,11 @@ class Numerics(Section):
 class RunControl(Section):
     """When a run records and when it stops."""
 
-    max_rows: int = Field(24, ge=2, description="most rows that a cell is followed")
+    max_rows: int = Field(32, ge=2, description="most rows that a cell is followed")
     orbit_tolerance: float = Field(
         0.05, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
     )
-    records_per_row: int = Field(40, ge=4, description="trajectory samples per row")
+    records_per_row: int = Field(20, ge=4, description="trajectory samples per row")
 
 
 class Constriction(Section):

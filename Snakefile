@@ -1,0 +1,26 @@
+# A campaign: array flows, cell runs and constriction runs; then statistics, surrogate and designs.
+# Targets are the names of the rules without wildcards: snakemake -j2 robustness_map
+
+configfile: f"{workflow.basedir}/config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/simulate.smk"
+include: "workflow/rules/calibrate.smk"
+include: "workflow/rules/analyse.smk"
+include: "workflow/rules/design.smk"
+include: "workflow/rules/report.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        rules.trajectories.output,
+        rules.flows.output,
+        rules.report.output,
+    message:
+        "the campaign is complete"
+
+
+onsuccess:
+    logger.info(campaign.closing_sentence(Path(RESULTS)))

@@ -1,0 +1,7 @@
+"""`python -m dldsim`."""
+
+import sys
+
+from dldsim.cli import main
+
+sys.exit(main())

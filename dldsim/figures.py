@@ -1,0 +1,998 @@
+"""The report's figures: numbers are computed apart from drawing, so that tests can check them.
+
+Every ``draw_…`` takes tables (pandas) or computed data and returns a matplotlib Figure; nothing is
+written here. Colours follow Okabe & Ito (bump blue, zigzag vermilion, mixed green) and viridis or
+cividis for ordered quantities, all safe for colour-blind readers; modes and stiffness sets are also
+told apart by marker or line. Open markers and dashed lines: the run stopped at its row limit, so
+that its angle is not converged.
+"""
+
+import functools
+import io
+from dataclasses import dataclass
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Rectangle
+
+from dldsim.mesh import EVANS_FUNG
+
+SETTLED = ("converged", "periodic")
+MODES = ("bump", "mixed", "zigzag", "none")
+MODE_COLOUR = {"bump": "#0072B2", "mixed": "#009E73", "zigzag": "#D55E00", "none": "#7F7F7F"}
+MODE_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
+SET_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+SPLIT_COLOUR = {"random": "#56B4E9", "geometry": "#D55E00"}
+GREY = "#5F6368"
+PILLAR = "#C9CDD2"
+SCATTER_OF_LAW = 0.10
+"""Relative scatter of measured critical diameters about 1.4 G ε^0.48 (Davis's devices)."""
+PAPER_DEFORMATION_INDEX = {"G1": 0.50, "G2": 0.60, "G5": 0.777, "G6": 0.781, "G7": 0.784}
+"""Deformation index that the source paper gives for its stiffness sets 1 to 5."""
+LONGEST_VIEW = 14
+"""Rows that a trajectory panel shows at most, unless one period is longer."""
+
+STYLE = {
+    "font.size": 9,
+    "font.family": "DejaVu Sans",
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "axes.edgecolor": "#444444",
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E4E6E9",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 5,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "dldsim",
+    "figure.dpi": 100,
+}
+
+
+def _styled(draw):
+    """Apply the house style while a figure is drawn."""
+
+    @functools.wraps(draw)
+    def wrapper(*args, **kwargs):
+        with matplotlib.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return wrapper
+
+
+# ---------------------------------------------------------------------------------- computations
+
+
+def mode_name(mode: str) -> str:
+    """Migration mode as readers see it."""
+    return "no mode" if mode == "none" else mode
+
+
+def settled(runs: pd.DataFrame) -> pd.Series:
+    """True where the orbit repeated, so that the angle is converged."""
+    return runs["status"].isin(SETTLED)
+
+
+def measured(runs: pd.DataFrame) -> pd.DataFrame:
+    """Runs that have a migration angle, converged or not."""
+    return runs[runs["migration_angle_deg"].notna()]
+
+
+def critical_size_ratio(row_shift_fraction):
+    """Empirical critical diameter over gap, D_c/G = 1.4 ε^0.48, of rigid spheres (Davis 2008)."""
+    return 1.4 * np.asarray(row_shift_fraction, dtype=float) ** 0.48
+
+
+def volume_equivalent_diameter(shape: str, radius_um: float, aspect_ratio: float) -> float:
+    """Diameter [µm] of the sphere that has the volume of the cell at rest.
+
+    biconcave: Evans–Fung profile z = ±(R/2)√(1−r²)(c0 + c1 r² + c2 r⁴), integrated exactly.
+    """
+    c0, c1, c2 = EVANS_FUNG
+    biconcave = 0.75 * (2 / 3 * c0 + 4 / 15 * c1 + 16 / 105 * c2)
+    share = {"sphere": 1.0, "ellipsoid": aspect_ratio, "biconcave": biconcave}[shape]
+    return 2 * radius_um * share ** (1 / 3)
+
+
+def mode_points(runs: pd.DataFrame, aspect_ratio: float) -> pd.DataFrame:
+    """Size over gap, size over critical diameter and angle over bump angle of measured runs.
+
+    Columns added: size_um, size_over_gap, size_over_critical, angle_ratio.
+    """
+    points = measured(runs).copy()
+    points["size_um"] = [
+        volume_equivalent_diameter(shape, radius, aspect_ratio)
+        for shape, radius in zip(points["cell_shape"], points["cell_radius_um"], strict=True)
+    ]
+    points["size_over_gap"] = points["size_um"] / points["gap_um"]
+    law = critical_size_ratio(points["row_shift_fraction"])
+    points["size_over_critical"] = points["size_over_gap"] / law
+    points["angle_ratio"] = points["migration_angle_deg"] / points["bump_angle_deg"]
+    return points
+
+
+def cumulated_row_shifts(run) -> np.ndarray:
+    """Lateral position after each row in units of the row shift ελ, starting at 0, (rows + 1,).
+
+    A bumping cell gains 1 per row; a zigzagging one returns to 0 after each N_p rows.
+    """
+    steps = np.asarray(run["lateral_steps_um"], dtype=float)
+    return np.concatenate([[0.0], np.cumsum(steps)]) / (run["pitch_um"] * run["row_shift_fraction"])
+
+
+def gap_heights(trajectory: pd.DataFrame, run) -> tuple[np.ndarray, np.ndarray]:
+    """Where the centre of mass crosses each row: row number, and height in the gap.
+
+    The height is 0 at the surface of the pillar below and 1 at that of the pillar above.
+    """
+    x = np.maximum.accumulate(trajectory["x_um"].to_numpy(float))
+    pitch, radius = run["pitch_um"], run["pillar_radius_um"]
+    rows = np.arange(np.ceil(x[0] / pitch), np.floor(x[-1] / pitch) + 1)
+    y = np.interp(rows * pitch, x, trajectory["y_um"].to_numpy(float))
+    above_pillar = np.mod(y - rows * pitch * run["row_shift_fraction"], pitch)
+    return rows, (above_pillar - radius) / run["gap_um"]
+
+
+def pillar_centres(run, xlim: tuple[float, float], ylim: tuple[float, float]) -> np.ndarray:
+    """Centres [µm], shape (n, 2), of the pillars that show in the window.
+
+    Row i stands at x = iλ; its pillars at y = iελ + jλ, i and j any integer.
+    """
+    pitch, radius = run["pitch_um"], run["pillar_radius_um"]
+    centres = []
+    for i in range(
+        int(np.ceil((xlim[0] - radius) / pitch)), int(np.floor((xlim[1] + radius) / pitch)) + 1
+    ):
+        shift = i * pitch * run["row_shift_fraction"]
+        low = int(np.ceil((ylim[0] - radius - shift) / pitch))
+        high = int(np.floor((ylim[1] + radius - shift) / pitch))
+        centres += [(i * pitch, shift + j * pitch) for j in range(low, high + 1)]
+    return np.array(centres, dtype=float).reshape(-1, 2)
+
+
+def pick_trajectories(runs: pd.DataFrame) -> list[tuple[str, list[str]]]:
+    """Runs worth drawing: one typical run per mode, and the geometry that parts the sets most.
+
+    Returns (heading, run ids) per panel. Typical: converged before not converged, then the angle
+    ratio nearest to the median of its mode, then the run id.
+    """
+    points = measured(runs).copy()
+    points["angle_ratio"] = points["migration_angle_deg"] / points["bump_angle_deg"]
+    points["open"] = ~settled(points)
+    panels = []
+    for mode in ("bump", "zigzag", "mixed"):
+        of_mode = points[points["mode"] == mode]
+        if len(of_mode):
+            away = (of_mode["angle_ratio"] - of_mode["angle_ratio"].median()).abs()
+            best = of_mode.assign(away=away).sort_values(["open", "away", "run_id"]).iloc[0]
+            panels.append((f"{mode} mode", [best["run_id"]]))
+    widest, pair = 0.0, None
+    for _, group in points.groupby(["pillar_radius_um", "gap_um", "periodicity"]):
+        angle = group["migration_angle_deg"]
+        if angle.max() - angle.min() > widest and group["mode"].nunique() > 1:
+            widest = angle.max() - angle.min()
+            pair = [group.loc[angle.idxmax(), "run_id"], group.loc[angle.idxmin(), "run_id"]]
+    if pair:
+        panels.append((f"one array, two stiffness sets, {widest:.2g}° apart", pair))
+    return panels
+
+
+@dataclass(frozen=True)
+class TrajectoryPanel:
+    """What one trajectory panel shows; lengths in µm, laboratory frame."""
+
+    title: str
+    paths: list[dict]
+    pillars: np.ndarray
+    pillar_radius: float
+    cell_radius: float
+    xlim: tuple[float, float]
+    ylim: tuple[float, float]
+
+
+def trajectory_panel(
+    heading: str, run_ids: list[str], runs: pd.DataFrame, trajectories: pd.DataFrame
+) -> TrajectoryPanel:
+    """Window of at least N_p rows (where the run has them) on the end of the runs of one array."""
+    rows = [runs[runs["run_id"] == run_id].iloc[0] for run_id in run_ids]
+    first = rows[0]
+    pitch = first["pitch_um"]
+    view = pitch * max(LONGEST_VIEW, first["periodicity"] + 1)
+    tracks = [trajectories[trajectories["run_id"] == run_id] for run_id in run_ids]
+    end = max(track["x_um"].max() for track in tracks)
+    start = max(min(track["x_um"].min() for track in tracks), end - view)
+    paths = []
+    for run, track in zip(rows, tracks, strict=True):
+        seen = track[track["x_um"] >= start]
+        angle = f"{run['migration_angle_deg']:.2f}°"
+        mark = "" if run["status"] in SETTLED else ", not converged"
+        paths.append(
+            {
+                "label": f"stiffness set {run['stiffness_set']}: {run['mode']}, {angle}{mark}",
+                "mode": run["mode"],
+                "x": seen["x_um"].to_numpy(float),
+                "y": seen["y_um"].to_numpy(float),
+                "deformation_index": seen["deformation_index"].to_numpy(float),
+            }
+        )
+    y = np.concatenate([path["y"] for path in paths])
+    xlim = (start - pitch / 2, end + pitch / 2)
+    title = (
+        f"{heading}: $P_r$ = {first['pillar_radius_um']:g} µm, $P_g$ = {first['gap_um']:g} µm, "
+        f"$N_p$ = {first['periodicity']}"
+    )
+    ylim = (y.min() - 0.75 * pitch, y.max() + 0.75 * pitch)
+    return TrajectoryPanel(
+        title, paths, pillar_centres(first, xlim, ylim), first["pillar_radius_um"],
+        first["cell_radius_um"], xlim, ylim,
+    )
+
+
+def pooled_scores(predictions: pd.DataFrame) -> pd.DataFrame:
+    """RMSE, MAE and R² of every model and split over all its held-out predictions together.
+
+    Pooling avoids the R² of a fold with few, nearly equal angles. Columns: model, split, n,
+    rmse_deg, mae_deg, r2 (null when all observations are equal); sorted by RMSE by geometry.
+    """
+    rows = []
+    for (model, split), group in predictions.groupby(["model", "split"]):
+        error = group["predicted_deg"] - group["observed_deg"]
+        spread = ((group["observed_deg"] - group["observed_deg"].mean()) ** 2).sum()
+        rows.append(
+            {
+                "model": model, "split": split, "n": len(group),
+                "rmse_deg": float(np.sqrt((error**2).mean())),
+                "mae_deg": float(error.abs().mean()),
+                "r2": float(1 - (error**2).sum() / spread) if spread > 0 else None,
+            }
+        )
+    scores = pd.DataFrame(rows)
+    by_geometry = scores[scores["split"] == "geometry"].set_index("model")["rmse_deg"]
+    order = scores["model"].map(by_geometry).fillna(np.inf)
+    return scores.assign(order=order).sort_values(["order", "model", "split"]).drop(columns="order")
+
+
+def best_so_far(trials: pd.DataFrame) -> pd.DataFrame:
+    """Trials in order with the largest feasible separation up to each, column best_deg."""
+    trials = trials.sort_values("trial")
+    separation = trials["separation_deg"].where(trials["feasible"].astype(bool))
+    return trials.assign(best_deg=separation.cummax().ffill())
+
+
+# ------------------------------------------------------------------------------------- small parts
+
+
+def _ordered(values) -> list:
+    return sorted(pd.unique(pd.Series(values)))
+
+
+def _shades(values, name: str = "viridis", top: float = 0.88) -> dict:
+    """One colour per distinct value, dark to light."""
+    values = _ordered(values)
+    colours = matplotlib.colormaps[name](np.linspace(0.0, top, max(len(values), 2)))
+    return {value: matplotlib.colors.to_hex(c) for value, c in zip(values, colours, strict=False)}
+
+
+def _set_markers(runs: pd.DataFrame) -> dict:
+    sets = _ordered(runs["stiffness_set"])
+    return {name: SET_MARKERS[i % len(SET_MARKERS)] for i, name in enumerate(sets)}
+
+
+def _multiples(count: int, columns: int, width: float, height: float, **options):
+    """Figure and flat list of count axes in a grid; width of all, height of one row [inch]."""
+    columns = min(columns, count)
+    lines = -(-count // columns)
+    figure = Figure(figsize=(width, height * lines), layout="constrained")
+    axes = list(figure.subplots(lines, columns, squeeze=False, **options).flat)
+    for spare in axes[count:]:
+        spare.remove()
+    return figure, axes[:count]
+
+
+def _dot(axes, x, y, colour, marker, filled, **options):
+    axes.plot(
+        x, y, marker, color=colour, markerfacecolor=colour if filled else "white",
+        markeredgewidth=1.1, **options,
+    )
+
+
+def _key(colour=GREY, marker="none", line="none", filled=True, label=""):
+    return Line2D(
+        [], [], color=colour, marker=marker, linestyle=line, label=label, markeredgewidth=1.1,
+        markerfacecolor=colour if filled else "white",
+    )
+
+
+def _legend(figure, handles, **options):
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=options.pop("ncols", 5),
+        columnspacing=1.4, handletextpad=0.5, **options,
+    )
+
+
+def _mode_keys(runs: pd.DataFrame) -> list:
+    present = [mode for mode in MODES if (runs["mode"] == mode).any()]
+    return [_key(MODE_COLOUR[m], MODE_MARKER[m], label=mode_name(m)) for m in present]
+
+
+def _open_key(runs: pd.DataFrame) -> list:
+    open_ = [_key(GREY, "o", filled=False, label="not converged")]
+    return open_ if (~settled(runs)).any() else []
+
+
+def _dodge(index: int, count: int, width: float) -> float:
+    """Offset that keeps count markers at one abscissa apart within ± width/2."""
+    return 0.0 if count < 2 else width * (index / (count - 1) - 0.5)
+
+
+def _step(values) -> float:
+    """Smallest distance between distinct values, 1 where there is only one."""
+    values = _ordered(values)
+    return float(np.diff(values).min()) if len(values) > 1 else 1.0
+
+
+# --------------------------------------------------------------------------------------- cell runs
+
+
+@_styled
+def draw_trajectories(panels: list[TrajectoryPanel]) -> Figure:
+    """Paths over pillars with the true aspect ratio, and the deformation index below each."""
+    width, left, right, strip = 9.2, 0.68, 0.12, 0.55
+    inner = width - left - right
+    heights = [
+        inner * (p.ylim[1] - p.ylim[0]) / (p.xlim[1] - p.xlim[0]) for p in panels
+    ]
+    above, between, below = 0.5, 0.12, 0.6
+    total = sum(heights) + len(panels) * (above + between + strip + below)
+    figure = Figure(figsize=(width, total))
+    top = total
+    for panel, height in zip(panels, heights, strict=True):
+        top -= above + height
+        axes = figure.add_axes((left / width, top / total, inner / width, height / total))
+        top -= between + strip
+        below_axes = figure.add_axes((left / width, top / total, inner / width, strip / total))
+        top -= below
+        axes.add_collection(
+            PatchCollection(
+                [Circle(centre, panel.pillar_radius) for centre in panel.pillars],
+                facecolor=PILLAR, edgecolor="#8A9099", linewidth=0.5,
+            )
+        )
+        for path in panel.paths:
+            colour = MODE_COLOUR[path["mode"]]
+            axes.plot(path["x"], path["y"], color=colour, linewidth=1.8, label=path["label"])
+            axes.plot(path["x"][-1], path["y"][-1], ">", color=colour, markersize=6)
+            below_axes.plot(path["x"], path["deformation_index"], color=colour, linewidth=1.2)
+        start = panel.paths[0]
+        axes.add_patch(
+            Circle((start["x"][0], start["y"][0]), panel.cell_radius, fill=False,
+                   edgecolor="black", linestyle=(0, (2, 1.5)), linewidth=0.9)
+        )
+        axes.set(xlim=panel.xlim, ylim=panel.ylim, ylabel="$y$ [µm]")
+        axes.set_title(panel.title, pad=19)
+        axes.tick_params(labelbottom=False)
+        axes.grid(False)
+        for spine in axes.spines.values():
+            spine.set_visible(True)
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(panel.paths), borderpad=0.1,
+            borderaxespad=0.2, handlelength=1.6,
+        )
+        below_axes.set(xlim=panel.xlim, xlabel="$x$ [µm]", ylabel="DI")
+        highest = max(path["deformation_index"].max() for path in panel.paths)
+        below_axes.set_ylim(0, 1.15 * max(highest, 0.05))
+    return figure
+
+
+@_styled
+def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figure:
+    """Every run at once, a column per N_p: lateral steps summed up, and height in the gap."""
+    runs = runs[runs["rows_completed"] > 0]
+    periodicities, longest = _ordered(runs["periodicity"]), runs["rows_completed"].max()
+    tracks = {} if trajectories is None else dict(list(trajectories.groupby("run_id")))
+    lines = 2 if tracks else 1
+    figure = Figure(figsize=(9.2, 2.9 * lines), layout="constrained")
+    grid = figure.subplots(lines, len(periodicities), squeeze=False, sharey="row", sharex=True)
+    for column, periodicity in enumerate(periodicities):
+        upper = grid[0, column]
+        upper.set_title(f"$N_p$ = {periodicity}")
+        upper.plot([0, longest], [0, longest], ":", color="black", linewidth=1)
+        for _, run in runs[runs["periodicity"] == periodicity].iterrows():
+            style = {
+                "color": MODE_COLOUR[run["mode"]], "alpha": 0.75, "linewidth": 1,
+                "linestyle": "-" if run["status"] in SETTLED else (0, (4, 1.5)),
+            }
+            total = cumulated_row_shifts(run)
+            upper.plot(np.arange(len(total)), total, **style)
+            if run["status"] in ("stuck", "unstable", "failed"):
+                upper.plot(len(total) - 1, total[-1], "x", color="black")
+            if run["run_id"] in tracks:
+                rows, height = gap_heights(tracks[run["run_id"]], run)
+                wrap = 0.5 * run["pitch_um"] / run["gap_um"]
+                jumps = 1 + np.flatnonzero(np.abs(np.diff(height)) > wrap)
+                rows, height = (np.insert(part, jumps, np.nan) for part in (rows, height))
+                grid[1, column].plot(rows, height, **style)
+        upper.set_xlim(0, longest)
+        if tracks:
+            grid[1, column].axhspan(-0.12, 0, color=PILLAR, linewidth=0)
+            grid[1, column].axhspan(1, 1.12, color=PILLAR, linewidth=0)
+            grid[1, column].set_ylim(-0.12, 1.12)
+        grid[-1, column].set_xlabel("rows passed")
+    grid[0, 0].set_ylabel(r"sum of lateral steps / $\varepsilon\lambda$")
+    if tracks:
+        grid[1, 0].set_ylabel("height in gap\n(0 lower, 1 upper pillar)")
+    handles = [
+        _key(MODE_COLOUR[m], line="-", label=mode_name(m))
+        for m in MODES if (runs["mode"] == m).any()
+    ]
+    handles.append(_key("black", line=":", label="full bump"))
+    if (~settled(runs)).any():
+        handles.append(_key(GREY, line="--", label="not converged"))
+    if runs["status"].isin(["stuck", "unstable", "failed"]).any():
+        handles.append(_key("black", "x", label="run broke off here"))
+    _legend(figure, handles, ncols=7)
+    return figure
+
+
+@_styled
+def draw_angles(runs: pd.DataFrame) -> Figure:
+    """θ_m against gap, a panel per P_r (against N_p where each P_r has a single gap)."""
+    points = measured(runs)
+    radii = _ordered(points["pillar_radius_um"])
+    against_gap = points.groupby("pillar_radius_um")["gap_um"].nunique().max() > 1
+    x_name = "gap_um" if against_gap else "periodicity"
+    colours, markers = _shades(points["periodicity"]), _set_markers(points)
+    dodge = 0.34 * _step(points[x_name])
+    figure, panels = _multiples(len(radii), 3, 9.2, 3.3, sharey=True)
+    for panel, radius in zip(panels, radii, strict=True):
+        here = points[points["pillar_radius_um"] == radius]
+        for periodicity, of_period in here.groupby("periodicity"):
+            colour = colours[periodicity]
+            if against_gap:
+                panel.axhline(of_period["bump_angle_deg"].iloc[0], color=colour, linestyle=":")
+            else:
+                x = of_period["periodicity"].iloc[0]
+                panel.plot([x - 0.4 * _step(points[x_name]), x + 0.4 * _step(points[x_name])],
+                           [of_period["bump_angle_deg"].iloc[0]] * 2, ":", color=colour)
+            for index, (name, marker) in enumerate(markers.items()):
+                of_set = of_period[of_period["stiffness_set"] == name].sort_values(x_name)
+                x = of_set[x_name] + _dodge(index, len(markers), dodge)
+                panel.plot(x, of_set["migration_angle_deg"], color=colour, linewidth=0.7, alpha=0.5)
+                bars = of_set["sigma_num_deg"].fillna(0.0)
+                panel.errorbar(x, of_set["migration_angle_deg"], bars, fmt="none", ecolor=colour,
+                               elinewidth=0.9)
+                for filled, part in of_set.groupby(settled(of_set)):
+                    _dot(panel, part[x_name] + _dodge(index, len(markers), dodge),
+                         part["migration_angle_deg"], colour, marker, filled)
+        gap = "" if against_gap else f", $P_g$ = {here['gap_um'].iloc[0]:g} µm"
+        panel.set_title(f"$P_r$ = {radius:g} µm{gap}")
+        panel.set_xlabel("gap $P_g$ [µm]" if against_gap else "periodicity $N_p$")
+        panel.set_xticks(_ordered(points[x_name]))
+        if panel.get_subplotspec().is_first_col():
+            panel.set_ylabel(r"migration angle $\theta_m$ [°]")
+    handles = [_key(c, "s", label=f"$N_p$ = {p}") for p, c in colours.items()]
+    handles += [_key(GREY, m, label=f"set {name}") for name, m in markers.items()]
+    handles += [_key(GREY, line=":", label="full bump angle")] + _open_key(points)
+    _legend(figure, handles, ncols=8)
+    return figure
+
+
+@_styled
+def draw_deformability(runs: pd.DataFrame) -> Figure:
+    """θ_m over the bump angle against the calibrated DI, a line per array, a panel per P_r."""
+    points = measured(runs)
+    points = points[points["deformation_index"].notna()]
+    radii = _ordered(points["pillar_radius_um"])
+    colours = _shades(points["periodicity"])
+    gaps = _ordered(points["gap_um"])
+    styles = {gap: ["-", "--", "-.", ":"][i % 4] for i, gap in enumerate(gaps)}
+    figure, panels = _multiples(len(radii), 3, 9.2, 3.0, sharey=True, sharex=True)
+    for panel, radius in zip(panels, radii, strict=True):
+        here = points[points["pillar_radius_um"] == radius]
+        for (gap, periodicity), array in here.groupby(["gap_um", "periodicity"]):
+            array = array.sort_values("deformation_index")
+            ratio = array["migration_angle_deg"] / array["bump_angle_deg"]
+            panel.plot(array["deformation_index"], ratio, linestyle=styles[gap],
+                       color=colours[periodicity], linewidth=1)
+            for filled in (True, False):
+                part = settled(array) == filled
+                _dot(panel, array["deformation_index"][part], ratio[part], colours[periodicity],
+                     "o", filled, markersize=4)
+        panel.axhline(1, color="black", linestyle=":", linewidth=1)
+        panel.set_title(f"$P_r$ = {radius:g} µm")
+        panel.set_xlabel("deformation index DI")
+        if panel.get_subplotspec().is_first_col():
+            panel.set_ylabel(r"$\theta_m$ / bump angle")
+    handles = [_key(c, "o", label=f"$N_p$ = {p}") for p, c in colours.items()]
+    handles += [_key(GREY, line=s, label=f"$P_g$ = {g:g} µm") for g, s in styles.items()]
+    _legend(figure, handles + _open_key(points), ncols=7)
+    return figure
+
+
+@_styled
+def draw_first_period(runs: pd.DataFrame) -> Figure:
+    """First-period angle (the source paper's protocol) against the converged one."""
+    points = measured(runs)
+    points = points[points["first_period_angle_deg"].notna()]
+    figure = Figure(figsize=(9.2, 3.9), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
+    both = points[["migration_angle_deg", "first_period_angle_deg"]]
+    pad = 0.06 * (both.max().max() - min(0.0, both.min().min())) + 0.1
+    low, high = min(0.0, both.min().min()) - pad, both.max().max() + pad
+    left.plot([low, high], [low, high], ":", color="black", linewidth=1)
+    for (mode, filled), part in points.groupby(["mode", settled(points)]):
+        _dot(left, part["migration_angle_deg"], part["first_period_angle_deg"],
+             MODE_COLOUR[mode], MODE_MARKER[mode], filled)
+    left.set(xlabel=r"$\theta_m$ at the end of the run [°]", ylabel="angle of first period [°]",
+             xlim=(low, high), ylim=(low, high), aspect="equal")
+    bumps = points[(points["mode"] == "bump") & (points["migration_angle_deg"] > 0)]
+    periodicities = _ordered(bumps["periodicity"])
+    gaps = _shades(bumps["gap_um"], "cividis")
+    for (gap, filled), part in bumps.groupby(["gap_um", settled(bumps)]):
+        offset = _dodge(list(gaps).index(gap), len(gaps), 0.5)
+        places = part["periodicity"].map(periodicities.index) + offset
+        _dot(right, places, part["first_period_angle_deg"] / part["migration_angle_deg"],
+             gaps[gap], "o", filled)
+    right.axhline(1, color="black", linestyle=":", linewidth=1)
+    right.set_xticks(range(len(periodicities)), [str(p) for p in periodicities])
+    right.set(xlabel="periodicity $N_p$", ylabel="first period / end of run", ylim=(0, None))
+    right.set_title("bumping runs")
+    right.legend(handles=[_key(c, "o", label=f"$P_g$ = {g:g} µm") for g, c in gaps.items()],
+                 loc="lower right", ncols=2)
+    _legend(figure, _mode_keys(points) + _open_key(points))
+    return figure
+
+
+@_styled
+def draw_mode_map(points: pd.DataFrame) -> Figure:
+    """Modes over row shift and size against D_c = 1.4 G ε^0.48, and the angle across that line.
+
+    points: table from mode_points.
+    """
+    figure = Figure(figsize=(9.2, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    periodicities = _ordered(points["periodicity"])
+    width = 0.6 * _step(periodicities)
+    span = np.linspace(max(periodicities[0] - width, 1.5), periodicities[-1] + width, 200)
+    law = critical_size_ratio(1 / span)
+    left.fill_between(span, (1 - SCATTER_OF_LAW) * law, (1 + SCATTER_OF_LAW) * law, color="#E8E4D8")
+    left.plot(span, law, color="black", linewidth=1.2)
+    columns = points[["pillar_radius_um", "stiffness_set"]].apply(tuple, axis=1)
+    order = {key: i for i, key in enumerate(_ordered(columns))}
+    for (mode, filled), part in points.groupby(["mode", settled(points)]):
+        places = [_dodge(order[key], len(order), width) for key in columns[part.index]]
+        _dot(left, part["periodicity"] + places, part["size_over_gap"], MODE_COLOUR[mode],
+             MODE_MARKER[mode], filled, markersize=4.5)
+        _dot(right, part["size_over_critical"], part["angle_ratio"], MODE_COLOUR[mode],
+             MODE_MARKER[mode], filled, markersize=4.5)
+    left.set_xticks(periodicities, [f"{p}\n{1 / p:.3g}" for p in periodicities])
+    left.set(xlabel=r"periodicity $N_p$, and row shift fraction $\varepsilon = 1/N_p$",
+             ylabel="cell size / gap",
+             ylim=(0, 1.12 * max(points["size_over_gap"].max(), law.max())))
+    right.axvspan(1 - SCATTER_OF_LAW, 1 + SCATTER_OF_LAW, color="#E8E4D8")
+    right.axvline(1, color="black", linewidth=1.2)
+    right.axhline(1, color="black", linestyle=":", linewidth=1)
+    right.axhline(0, color="black", linestyle=":", linewidth=1)
+    right.set(xlabel="cell size / $D_c$", ylabel=r"$\theta_m$ / bump angle")
+    handles = _mode_keys(points) + _open_key(points)
+    handles.append(_key("black", line="-", label=r"$D_c = 1.4\,G\,\varepsilon^{0.48}$ (± 10 %)"))
+    _legend(figure, handles)
+    return figure
+
+
+# -------------------------------------------------------------------------------------- calibration
+
+
+@_styled
+def draw_calibration(
+    runs: pd.DataFrame, calibration: pd.DataFrame, correlations: pd.DataFrame | None
+) -> Figure:
+    """DI per group with scatter over release positions, and the correlations with the moduli."""
+    figure = Figure(figsize=(9.2, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.35, 1))
+    groups = _ordered(calibration["group"])
+    designs = _ordered(runs["design"])
+    shades = dict(zip(designs, ("#0072B2", "#E69F00", "#009E73", "#CC79A7"), strict=False))
+    seen = runs[runs["deformation_index"].notna() & runs["group"].isin(groups)]
+    for index, design in enumerate(designs):
+        for group, part in seen[seen["design"] == design].groupby("group"):
+            place = groups.index(group) + _dodge(index, len(designs), 0.3)
+            spread = [_dodge(i, len(part), 0.16) for i in range(len(part))]
+            left.plot(place + np.array(spread), part["deformation_index"], "o", alpha=0.8,
+                      color=shades[design], markersize=4, markeredgewidth=0)
+    for _, row in calibration.iterrows():
+        place = groups.index(row["group"]) + 0.32
+        left.errorbar(place, row["deformation_index"], row["deformation_index_std"], fmt="s",
+                      color="black", capsize=2.5, markersize=4, elinewidth=1)
+        if row["group"] in PAPER_DEFORMATION_INDEX:
+            left.plot(place - 0.64, PAPER_DEFORMATION_INDEX[row["group"]], "D", color=GREY,
+                      markerfacecolor="white", markersize=5)
+    names = [
+        f"{row['group']}\nset {row['stiffness_set']}" if row["stiffness_set"] else row["group"]
+        for _, row in calibration.set_index("group", drop=False).loc[groups].iterrows()
+    ]
+    left.set_xticks(range(len(groups)), names)
+    left.set(ylabel="deformation index DI", ylim=(0, 1), xlim=(-0.6, len(groups) - 0.4))
+    handles = [_key(shades[d], "o", label=f"one run ({d})") for d in designs]
+    handles += [_key("black", "s", label="mean ± standard deviation"),
+                _key(GREY, "D", filled=False, label="source paper")]
+    if correlations is None or not len(correlations):
+        right.remove()
+    else:
+        _draw_correlations(right, correlations)
+    _legend(figure, handles)
+    return figure
+
+
+VARIABLE_LABEL = {
+    "deformation_index": "DI", "ks_uN_per_m": "$k_s$", "kb_pN_um": "$k_b$",
+    "kal_uN_per_m": r"$k_\alpha$", "velocity_mm_s": "velocity",
+    "release_position_um": "release\nposition",
+}
+
+
+def correlation_matrix(correlations: pd.DataFrame) -> pd.DataFrame:
+    """Square symmetric matrix of Pearson r with unit diagonal from the table of pairs."""
+    names = list(dict.fromkeys([*correlations["variable_a"], *correlations["variable_b"]]))
+    matrix = pd.DataFrame(np.nan, index=names, columns=names)
+    for _, row in correlations.iterrows():
+        matrix.loc[row["variable_a"], row["variable_b"]] = row["pearson_r"]
+        matrix.loc[row["variable_b"], row["variable_a"]] = row["pearson_r"]
+    for name in names:
+        matrix.loc[name, name] = 1.0
+    return matrix
+
+
+def _draw_correlations(axes, correlations: pd.DataFrame) -> None:
+    matrix = correlation_matrix(correlations)
+    axes.imshow(matrix.to_numpy(), cmap="PuOr_r", vmin=-1.35, vmax=1.35)
+    for i, row in enumerate(matrix.to_numpy()):
+        for j, value in enumerate(row):
+            text = "–" if np.isnan(value) else f"{value:.2f}"
+            axes.text(j, i, text, ha="center", va="center", fontsize=8,
+                      color="white" if abs(value) > 0.75 else "black")
+    labels = [VARIABLE_LABEL.get(name, name) for name in matrix]
+    axes.set_xticks(range(len(labels)), labels)
+    axes.set_yticks(range(len(labels)), labels)
+    axes.grid(False)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    axes.set_title("Pearson correlation")
+
+
+@_styled
+def draw_moduli(runs: pd.DataFrame) -> Figure:
+    """DI of each constriction run against k_s, k_α, k_b and the velocity."""
+    seen = runs[runs["deformation_index"].notna()]
+    names = {
+        "ks_uN_per_m": "$k_s$ [µN/m]", "kal_uN_per_m": r"$k_\alpha$ [µN/m]",
+        "kb_pN_um": "$k_b$ [pN·µm]", "velocity_mm_s": "velocity [mm/s]",
+    }
+    figure, panels = _multiples(4, 4, 9.2, 2.5, sharey=True)
+    groups = _shades(seen["group"])
+    for panel, (name, label) in zip(panels, names.items(), strict=True):
+        for group, part in seen.groupby("group"):
+            panel.plot(part[name], part["deformation_index"], "o", color=groups[group],
+                       markersize=4, alpha=0.85)
+        if name == "kb_pN_um" and (seen[name] > 0).all():
+            panel.set_xscale("log")
+            panel.xaxis.set_major_formatter("{x:g}")
+            panel.xaxis.set_minor_formatter("")
+        panel.set(xlabel=label, ylim=(0, 1))
+    panels[0].set_ylabel("deformation index DI")
+    _legend(figure, [_key(c, "o", label=g) for g, c in groups.items()], ncols=7)
+    return figure
+
+
+@_styled
+def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
+    """Diameters D (along the flow), H (across) and DI along the channel, coloured by group."""
+    group_of = runs.set_index("run_id")["group"]
+    colours = _shades(group_of)
+    names = {
+        "diameter_d_um": "$D$ along flow [µm]", "diameter_h_um": "$H$ across flow [µm]",
+        "deformation_index": "DI",
+    }
+    figure = Figure(figsize=(9.2, 5.6), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True)
+    for panel, (name, label) in zip(panels, names.items(), strict=True):
+        for run_id, track in tracks.groupby("run_id"):
+            panel.plot(track["x_um"], track[name], color=colours[group_of[run_id]],
+                       linewidth=0.9, alpha=0.8)
+        panel.set_ylabel(label)
+        panel.set_ylim(bottom=0)
+    panels[-1].set_xlabel("centre of mass along the channel $x$ [µm]")
+    _legend(figure, [_key(c, line="-", label=g) for g, c in colours.items()], ncols=7)
+    return figure
+
+
+# --------------------------------------------------------------------------------------- statistics
+
+
+MODEL_TITLE = {
+    "hierarchical": "hierarchical model", "main_effects": "main effects alone",
+    "seed_interactions": "interactions alone (source paper)",
+}
+
+
+def _term(name: str) -> str:
+    for column, symbol in (("pillar_radius_um", "$P_r$"), ("gap_um", "$P_g$"),
+                           ("periodicity", "$N_p$"), ("deformation_index", "DI"), (":", " × ")):
+        name = name.replace(column, symbol)
+    return name
+
+
+@_styled
+def draw_effects(anova: pd.DataFrame) -> Figure:
+    """Partial η² of every term, a panel per model; filled where p < 0.05."""
+    table = anova[anova["partial_eta_sq"].notna()]
+    given = list(dict.fromkeys(table["model"]))
+    models = sorted(given, key=lambda m: [*MODEL_TITLE, m].index(m))
+    counts = [(table["model"] == model).sum() for model in models]
+    figure = Figure(figsize=(9.2, 0.9 + 0.24 * max(counts)), layout="constrained")
+    panels = figure.subplots(1, len(models), squeeze=False, sharex=True)[0]
+    for panel, model in zip(panels, models, strict=True):
+        part = table[table["model"] == model].iloc[::-1]
+        clear = (part["p_value"].fillna(1.0) < 0.05).to_numpy()
+        places = np.arange(len(part))
+        panel.barh(places, part["partial_eta_sq"], height=0.6, edgecolor="#0072B2",
+                   color=np.where(clear, "#0072B2", "#FFFFFF"))
+        panel.set_yticks(places, [_term(name) for name in part["term"]])
+        panel.tick_params(axis="y", length=0)
+        panel.grid(axis="y", visible=False)
+        panel.set_ylim(len(part) - max(counts) - 0.6, len(part) - 0.4)
+        panel.set_title(MODEL_TITLE.get(model, model))
+        panel.set(xlabel=r"partial $\eta^2$", xlim=(0, 1))
+    return figure
+
+
+@_styled
+def draw_robustness(robustness: pd.DataFrame) -> Figure:
+    """Stability score over gap and N_p, a panel per P_r; a frame marks the most stable 15 %."""
+    radii = _ordered(robustness["pillar_radius_um"])
+    figure, panels = _multiples(len(radii), 3, 9.2, 3.2)
+    scores = robustness["stability_score_deg2"].dropna()
+    low, high = scores.min(), scores.max()
+    wide = low > 0 and high / low > 30
+    norm = (matplotlib.colors.LogNorm if wide else matplotlib.colors.Normalize)(low, high)
+    colours = matplotlib.colormaps["cividis"]
+    for panel, radius in zip(panels, radii, strict=True):
+        here = robustness[robustness["pillar_radius_um"] == radius]
+        gaps, periods = _ordered(here["gap_um"]), _ordered(here["periodicity"])
+        for _, row in here.iterrows():
+            corner = (gaps.index(row["gap_um"]) - 0.5, periods.index(row["periodicity"]) - 0.5)
+            score = row["stability_score_deg2"]
+            known = not pd.isna(score)
+            colour = colours(norm(score)) if known else "#F3F3F3"
+            panel.add_patch(Rectangle(corner, 1, 1, facecolor=colour, edgecolor="white"))
+            dark = known and sum(colour[:3]) < 1.35
+            text = "–" if pd.isna(row["mean_migration_angle_deg"]) else (
+                f"{row['mean_migration_angle_deg']:.1f}°")
+            panel.text(corner[0] + 0.5, corner[1] + 0.5, text, ha="center", va="center",
+                       color="white" if dark else "black", fontsize=8.5)
+        for _, row in here[here["robust"].astype(bool)].iterrows():
+            corner = (gaps.index(row["gap_um"]) - 0.46, periods.index(row["periodicity"]) - 0.46)
+            panel.add_patch(Rectangle(corner, 0.92, 0.92, fill=False, edgecolor="#D55E00",
+                                      linewidth=2.4))
+        panel.set(xlim=(-0.5, len(gaps) - 0.5), ylim=(-0.5, len(periods) - 0.5),
+                  xlabel="gap $P_g$ [µm]")
+        panel.set_xticks(range(len(gaps)), [f"{gap:g}" for gap in gaps])
+        panel.set_yticks(range(len(periods)), [str(period) for period in periods])
+        panel.set_title(f"$P_r$ = {radius:g} µm")
+        panel.grid(False)
+        panel.tick_params(length=0)
+        if panel.get_subplotspec().is_first_col():
+            panel.set_ylabel("periodicity $N_p$")
+    scale = matplotlib.cm.ScalarMappable(norm, colours)
+    figure.colorbar(scale, ax=panels, label="stability score [deg²], low is stable", shrink=0.9)
+    return figure
+
+
+# --------------------------------------------------------------------------- surrogate and designs
+
+
+@_styled
+def draw_benchmark(scores: pd.DataFrame, benchmark: pd.DataFrame) -> Figure:
+    """RMSE and R² per model, random split beside split by geometry.
+
+    scores: table from pooled_scores (large dots); benchmark: one small dot per fold (RMSE).
+    """
+    models = list(dict.fromkeys(scores["model"]))[::-1]
+    figure = Figure(figsize=(9.2, 1.3 + 0.36 * len(models)), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    for index, (split, colour) in enumerate(SPLIT_COLOUR.items()):
+        offset = _dodge(index, 2, 0.34)
+        marker = {"random": "o", "geometry": "D"}[split]
+        folds = benchmark[(benchmark["split"] == split) & benchmark["model"].isin(models)]
+        left.plot(folds["rmse_deg"], folds["model"].map(models.index) + offset, "|", color=colour,
+                  markersize=8, alpha=0.7)
+        part = scores[scores["split"] == split]
+        places = part["model"].map(models.index) + offset
+        _dot(left, part["rmse_deg"], places, colour, marker, True, markersize=6)
+        r2 = part["r2"].astype(float)
+        _dot(right, r2.clip(lower=-0.2), places, colour, marker, True, markersize=6)
+        for place, value in zip(places, r2, strict=True):
+            if value < -0.2:
+                right.annotate(f"−{-value:.2g}", (-0.2, place), xytext=(-6, 0), ha="right",
+                               va="center", textcoords="offset points", fontsize=8, color=colour)
+    left.set_yticks(range(len(models)), models)
+    left.set_ylim(-0.5, len(models) - 0.5)
+    left.set(xlabel=r"RMSE of $\theta_m$ [°]", xlim=(0, None))
+    right.set(xlabel="$R^2$ of all held-out predictions", xlim=(-0.35, 1.03))
+    right.axvline(0, color=GREY, linewidth=0.8)
+    handles = [_key(SPLIT_COLOUR["random"], "o", label="random split"),
+               _key(SPLIT_COLOUR["geometry"], "D", label="split by geometry"),
+               _key(GREY, "|", label="single fold")]
+    _legend(figure, handles)
+    return figure
+
+
+@_styled
+def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> Figure:
+    """Predicted against simulated θ_m of one model: random split left, split by geometry right."""
+    part = predictions[predictions["model"] == model]
+    both = part[["observed_deg", "predicted_deg"]]
+    pad = 0.05 * (both.max().max() - both.min().min()) + 0.1
+    limits = (both.min().min() - pad, both.max().max() + pad)
+    line = np.array(limits)
+    figure = Figure(figsize=(9.2, 4.5), layout="constrained")
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for panel, (split, colour) in zip(panels, SPLIT_COLOUR.items(), strict=True):
+        score = scores[(scores["model"] == model) & (scores["split"] == split)]
+        panel.plot(line, line, color="black", linewidth=1)
+        if len(score):
+            rmse = score["rmse_deg"].iloc[0]
+            panel.fill_between(line, line - rmse, line + rmse, color="#EDEFF2")
+            panel.set_title(f"{model}, {split} split: RMSE {rmse:.2g}°")
+        for filled, dots in part[part["split"] == split].groupby("converged"):
+            _dot(panel, dots["observed_deg"], dots["predicted_deg"], colour, "o", filled,
+                 markersize=4.5)
+        panel.set(xlim=limits, ylim=limits, aspect="equal", xlabel=r"simulated $\theta_m$ [°]")
+    panels[0].set_ylabel(r"predicted $\theta_m$, held out [°]")
+    handles = [_key(GREY, "o", label="converged"),
+               _key(GREY, "o", filled=False, label="not converged"),
+               _key("black", line="-", label="exact, shade ± RMSE")]
+    _legend(figure, handles)
+    return figure
+
+
+@_styled
+def draw_search(trials: pd.DataFrame) -> Figure:
+    """Course of the TPE search: separation per trial and the best so far, a panel per request."""
+    requests = list(dict.fromkeys(trials["request"]))
+    figure, panels = _multiples(len(requests), 2, 9.2, 3.1)
+    for panel, request in zip(panels, requests, strict=True):
+        part = best_so_far(trials[trials["request"] == request])
+        good = part["feasible"].astype(bool) & part["separation_deg"].notna()
+        panel.plot(part["trial"][good], part["separation_deg"][good], "o", color="#56B4E9",
+                   markersize=3.5)
+        if not good.all():
+            bottom = part["trial"][~good]
+            panel.plot(bottom, np.zeros(len(bottom)), "x", color=GREY, markersize=4, clip_on=False)
+        panel.step(part["trial"], part["best_deg"], where="post", color="#0072B2")
+        panel.set_title(request)
+        panel.set(xlabel="trial", ylabel="separation [°]", ylim=(0, None))
+    handles = [_key("#56B4E9", "o", label="feasible trial"),
+               _key(GREY, "x", label="infeasible trial"),
+               _key("#0072B2", line="-", label="best so far")]
+    _legend(figure, handles)
+    return figure
+
+
+@_styled
+def draw_designs(designs: pd.DataFrame) -> Figure:
+    """Ranked designs: separation with its range over the fabrication tolerance, and uncertainty."""
+    requests = list(dict.fromkeys(designs["request"]))
+    tallest = designs.groupby("request").size().max()
+    figure, panels = _multiples(len(requests), 2, 9.2, 1.1 + 0.34 * tallest)
+    for panel, request in zip(panels, requests, strict=True):
+        part = designs[designs["request"] == request].sort_values("rank", ascending=False)
+        places = np.arange(len(part))
+        panel.barh(places, part["uncertainty_deg"], height=0.8, color="#E8E4D8")
+        panel.hlines(places, part["separation_tolerance_min_deg"],
+                     part["separation_tolerance_max_deg"], color="#0072B2", linewidth=2.2)
+        inside = part["inside_training_domain"].astype(bool).to_numpy()
+        for filled in (True, False):
+            _dot(panel, part["separation_deg"][inside == filled], places[inside == filled],
+                 "#0072B2", "o", filled, markersize=6)
+        panel.set_yticks(places, [
+            f"{row['rank']}:  $P_r$ {row['pillar_radius_um']:.3g}, $P_g$ {row['gap_um']:.3g} µm, "
+            f"$N_p$ {row['periodicity']}" for _, row in part.iterrows()
+        ])
+        panel.grid(axis="y", visible=False)
+        panel.set_title(request)
+        panel.set(xlabel="predicted separation [°]", xlim=(0, None))
+    handles = [_key("#0072B2", "o", label="nominal"),
+               _key("#0072B2", "o", filled=False, label="outside training domain"),
+               _key("#0072B2", line="-", label="over fabrication tolerance"),
+               _key("#E8E4D8", "s", label="uncertainty of a difference")]
+    _legend(figure, handles)
+    return figure
+
+
+# --------------------------------------------------------------------------------- flow, numerics
+
+
+@_styled
+def draw_flows(flows: pd.DataFrame) -> Figure:
+    """Permeability against solid fraction, and tilt under axial force against N_p."""
+    flows = flows[flows["permeability_over_pitch2"].notna()]
+    pitch = 2 * flows["pillar_radius_um"] + flows["gap_um"]
+    solid = np.pi * flows["pillar_radius_um"] ** 2 / pitch**2
+    table = flows.assign(solid_fraction=solid, gap_over_pitch=flows["gap_um"] / pitch)
+    figure = Figure(figsize=(9.2, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    colours = _shades(table["periodicity"])
+    for periodicity, part in table.groupby("periodicity"):
+        part = part.sort_values("solid_fraction")
+        left.plot(part["solid_fraction"], part["permeability_over_pitch2"], "o",
+                  color=colours[periodicity], label=f"$N_p$ = {periodicity}")
+    if (table["permeability_over_pitch2"] > 0).all():
+        left.set_yscale("log")
+    left.set(xlabel=r"solid fraction $\pi P_r^2/\lambda^2$", ylabel=r"permeability / $\lambda^2$")
+    left.legend(ncols=2)
+    scale = matplotlib.cm.ScalarMappable(
+        matplotlib.colors.Normalize(table["gap_over_pitch"].min(), table["gap_over_pitch"].max()),
+        matplotlib.colormaps["cividis"],
+    )
+    for _, part in table.groupby(["pillar_radius_um", "gap_um"]):
+        part = part.sort_values("periodicity")
+        colour = scale.to_rgba(part["gap_over_pitch"].iloc[0])
+        right.plot(part["periodicity"], part["tilt_deg"], "o-", color=colour, linewidth=1)
+    figure.colorbar(scale, ax=right, label=r"$P_g/\lambda$", shrink=0.9)
+    right.set(xlabel="periodicity $N_p$", ylabel="tilt of the stream under axial force [°]",
+              ylim=(min(0, 1.05 * table["tilt_deg"].min()), None))
+    right.set_xticks(_ordered(table["periodicity"]))
+    return figure
+
+
+@_styled
+def draw_numerics(runs: pd.DataFrame) -> Figure:
+    """Cost per step against nodes, drift of volume and area, and wall time per run."""
+    figure = Figure(figsize=(9.2, 3.1), layout="constrained")
+    cost, drift, time = figure.subplots(1, 3)
+    cost.plot(runs["nodes"] / 1000, runs["ms_per_step"], "o", color="#0072B2", markersize=4)
+    cost.set(xlabel="fluid nodes [thousand]", ylabel="wall time per step [ms]", ylim=(0, None),
+             xlim=(0, None))
+    for name, label, colour in (("volume_drift_max", "volume", "#0072B2"),
+                                ("area_drift_max", "area", "#E69F00")):
+        values = np.sort(runs[name].dropna().to_numpy(float)) * 100
+        drift.step(values, np.arange(1, len(values) + 1) / max(len(values), 1) * 100, where="post",
+                   color=colour, label=label)
+    drift.axvline(2, color="black", linestyle=":", linewidth=1)
+    drift.set(xlabel="largest drift [%]", ylabel="runs below [%]", ylim=(0, 102))
+    drift.set_xscale("symlog", linthresh=0.1)
+    drift.set_xlim(left=0)
+    drift.xaxis.set_major_formatter("{x:g}")
+    drift.legend(loc="lower right")
+    for mode in MODES:
+        part = runs[runs["mode"] == mode]
+        if len(part):
+            time.plot(part["rows_completed"], part["wall_time_s"], MODE_MARKER[mode],
+                      color=MODE_COLOUR[mode], markersize=4, label=mode_name(mode))
+    time.set(xlabel="rows passed", ylabel="wall time of a run [s]", ylim=(0, None))
+    time.legend()
+    return figure
+
+
+def render(figure: Figure, kind: str) -> bytes:
+    """Image file of a figure, "svg" or "png"; equal figures give equal bytes."""
+    stream = io.BytesIO()
+    metadata = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}[kind]
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(stream, format=kind, dpi=170, metadata=metadata, facecolor="white")
+    return stream.getvalue()

@@ -1,0 +1,296 @@
+"""One simulation, one pair of files: what the campaign's jobs and the commands share.
+
+In a campaign a crash (an exception) becomes a row of status "failed"; see :mod:`dldsim.campaign`.
+"""
+
+import contextlib
+import json
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from dldsim import campaign
+from dldsim.config import (
+    Cell,
+    Constriction,
+    ConstrictionGroup,
+    DesignRequest,
+    Flow,
+    Geometry,
+    Numerics,
+    RunControl,
+    Stiffness,
+)
+from dldsim.errors import DldsimError
+from dldsim.tables import COLUMNS, atomic_path, read_rows, read_table, write_csv, write_table
+
+Progress = Callable[[str], None]
+
+RELEASE_DESIGN = "group-velocity"
+
+
+@contextlib.contextmanager
+def job_log(path: Path) -> Iterator[Progress]:
+    """Send everything printed to a log file; a DldsimError ends the job without a traceback."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    console = sys.stderr
+    with path.open("w", encoding="utf-8", buffering=1) as log:
+        with contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
+            try:
+                yield _writer(log)
+            except DldsimError as error:
+                log.write(f"{error}\n")
+                console.write(f"{error}\n")
+                raise SystemExit(1) from None
+            except Exception:
+                log.write(traceback.format_exc())
+                raise
+
+
+def _writer(log: TextIO) -> Progress:
+    start = time.perf_counter()
+
+    def progress(sentence: str) -> None:
+        log.write(f"{time.perf_counter() - start:8.1f} s  {sentence}\n")
+
+    return progress
+
+
+def provenance(settings: Mapping[str, Any], seed: int | None = None) -> dict:
+    """Metadata of a file that depends on these settings and this seed."""
+    settings = dict(settings)
+    return {"config_hash": campaign.settings_hash(settings), "seed": seed, "settings": settings}
+
+
+def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crashes: Path,
+             progress: Progress) -> None:
+    """Empty-array flow of one geometry: `flow` (.npz) and its row of `flows`."""
+    geometry = campaign.parse_geometry(identifier)
+
+    def simulate() -> None:
+        from dldsim.flow import solve_empty_array
+
+        result = solve_empty_array(
+            geometry, Flow(**settings["flow"]), Numerics(**settings["numerics"]), progress
+        )
+        write_table("flows", [flow_row(result)], row, provenance(settings))
+        result.save(flow)
+
+    def give_up(reason: str) -> None:
+        known = {
+            **geometry.model_dump(),
+            "pitch_um": geometry.pitch_um,
+            "height_um": settings["flow"]["height_um"],
+            "drive": settings["flow"]["drive"],
+        }
+        write_table("flows", [_failed("flows", known, reason)], row, provenance(settings))
+        with atomic_path(flow) as part, part.open("wb") as file:
+            np.savez(file)
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def flow_row(result) -> dict:
+    """Row of `flows` of an EmptyFlow."""
+    return {"stop_reason": "the mean velocity is steady", **result.summary()}
+
+
+def run_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Path, row: Path,
+            trajectory: Path, crashes: Path, progress: Progress) -> None:
+    """One run of the campaign: `row` of `runs`, and its `trajectory`."""
+    run = campaign.parse_run(identifier)
+
+    def simulate() -> None:
+        [start] = read_rows("flows", flow_row)
+        if start["status"] == "failed":
+            raise DldsimError(f"The flow without a cell failed: {start['stop_reason']}")
+        from dldsim.flow import EmptyFlow
+        from dldsim.simulation import simulate_run
+
+        result = simulate_run(
+            run.geometry, Stiffness(**settings["stiffness"]), Cell(**settings["cell"]),
+            Flow(**settings["flow"]), Numerics(**settings["numerics"]),
+            RunControl(**settings["run_control"]), run_id=identifier,
+            stiffness_set=run.stiffness_set, empty_flow=EmptyFlow.load(flow), progress=progress,
+        )  # fmt: skip
+        write_run(result, row, trajectory, settings)
+
+    def give_up(reason: str) -> None:
+        write_failed_run(identifier, settings, reason, row, trajectory)
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
+    """Write the two tables of a RunResult."""
+    blank = {"deformation_index": None, "deformation_index_std": None}
+    write_table("trajectory", result.trajectory, trajectory, provenance(settings))
+    write_table("runs", [{**result.row, **blank}], row, provenance(settings))
+
+
+def write_failed_run(identifier: str, settings: Mapping, reason: str, row: Path,
+                     trajectory: Path) -> None:
+    """Write the tables of a run that crashed."""
+    run = campaign.parse_run(identifier)
+    geometry, cell = run.geometry, Cell(**settings["cell"])
+    known = {
+        "run_id": identifier,
+        **geometry.model_dump(),
+        "pitch_um": geometry.pitch_um,
+        "row_shift_fraction": geometry.row_shift_fraction,
+        "stiffness_set": run.stiffness_set,
+        "cell_shape": cell.shape,
+        "cell_radius_um": cell.radius_um,
+        "height_um": settings["flow"]["height_um"],
+        **settings["stiffness"],
+        "mean_velocity_mm_s": settings["flow"]["mean_velocity_mm_s"],
+        "mode": "none",
+        "bump_angle_deg": float(np.degrees(np.arctan(geometry.row_shift_fraction))),
+        "rows_completed": 0,
+        "orbit_rows": 0,
+        "lateral_steps_um": [],
+        "confinement": 2 * cell.radius_um / geometry.gap_um,
+        "left_out": "",
+        "numerics": json.dumps(settings["numerics"]),
+    }
+    write_table("trajectory", _empty("trajectory"), trajectory, provenance(settings))
+    write_table("runs", [_failed("runs", known, reason)], row, provenance(settings))
+
+
+def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,
+                     crashes: Path, progress: Progress) -> None:
+    """One constriction run: `row` of `constriction_runs`, and its `trajectory`."""
+    name, _ = campaign.parse_constriction(identifier)
+    group = ConstrictionGroup(**settings["group"])
+    channel = Constriction(**settings["constriction"])
+    release = settings["release_position_um"]
+
+    def simulate() -> None:
+        from dldsim.constriction import simulate_constriction
+
+        result = simulate_constriction(
+            name, group, channel, Cell(**settings["cell"]), Flow(**settings["flow"]),
+            Numerics(**settings["numerics"]), release_position_um=release, run_id=identifier,
+            progress=progress,
+        )  # fmt: skip
+        write_constriction(result, row, trajectory, settings)
+
+    def give_up(reason: str) -> None:
+        springs = group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"})
+        known = {
+            "run_id": identifier,
+            "group": name,
+            "stiffness_set": group.stiffness_set or "",
+            **springs,
+            "velocity_mm_s": group.velocity_mm_s,
+            "design": RELEASE_DESIGN,
+            "release_position_um": release,
+        }
+        kind = "constriction_runs"
+        write_table("constriction_trajectory", _empty("constriction_trajectory"), trajectory,
+                    provenance(settings))
+        write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -> None:
+    """Write the two tables of a ConstrictionResult."""
+    about = provenance(settings)
+    write_table("constriction_trajectory", result.trajectory, trajectory, about)
+    write_table("constriction_runs", [result.row], row, about)
+
+
+def search_designs(surrogate, requests: Iterable[DesignRequest], calibration,
+                   safety_distance_um: float, seed: int) -> tuple[Any, Any]:
+    """Designs and trials of all requests, as DataFrames; `calibration` is a DataFrame or None."""
+    import pandas as pd
+
+    from dldsim.design import search
+
+    by_set = {}
+    if calibration is not None:
+        means = calibration.set_index("stiffness_set").deformation_index.drop("", errors="ignore")
+        by_set = means.dropna().to_dict()
+    found = [
+        search(
+            surrogate, request.with_deformation_indices(by_set), safety_distance_um,
+            campaign.derive_seed(seed, f"design/{request.name}"),
+        )
+        for request in requests
+    ]  # fmt: skip
+    designs, trials = zip(*found, strict=True)
+    return pd.concat(designs, ignore_index=True), pd.concat(trials, ignore_index=True)
+
+
+def design_job(settings: Mapping, *, model: Path, card: Path, calibration: Path, designs: Path,
+               trials: Path) -> None:
+    """Search for the designs of all requests and write their tables with CSV twins."""
+    from dldsim import surrogate
+
+    requests = [DesignRequest(**request) for request in settings["design_requests"]]
+    about = provenance(settings, settings["seed"])
+    tables = [_empty("designs"), _empty("design_trials")]
+    if requests:
+        tables = search_designs(
+            surrogate.load(model, card), requests, read_table("calibration", calibration),
+            settings["safety_distance_um"], settings["seed"],
+        )  # fmt: skip
+    for kind, table, path in zip(("designs", "design_trials"), tables, (designs, trials),
+                                 strict=True):
+        write_table(kind, table, path, about)
+        write_csv(kind, path)
+
+
+def warm_cache(settings: Mapping, stamp_file: Path, progress: Progress) -> None:
+    """Compile every kernel once, by a short coarse run of each scene, and stamp the folder.
+
+    Only time is at stake: a setting that these scenes do not suit is left to the runs to refuse.
+    """
+    cell, flow = Cell(**settings["cell"]), Flow(**settings["flow"])
+    numerics = Numerics(**settings["numerics"] | {"spacing_um": 2.5, "rows": 1, "lanes": 1})
+    stiffness = Stiffness(**settings["stiffness"])
+    geometry = Geometry(pillar_radius_um=5, gap_um=20, periodicity=4)
+    channel = Constriction(**settings["constriction"])
+    group = ConstrictionGroup(stiffness=stiffness, velocity_mm_s=flow.mean_velocity_mm_s)
+    try:
+        from dldsim.constriction import simulate_constriction
+        from dldsim.simulation import simulate_run
+
+        simulate_run(geometry, stiffness, cell, flow, numerics, RunControl(max_rows=2),
+                     run_id="warm", stiffness_set="warm", progress=progress)
+        simulate_constriction("warm", group, channel, cell, flow, numerics, run_id="warm",
+                              release_position_um=channel.release_positions_um[0],
+                              progress=progress)
+    except DldsimError as error:
+        progress(f"The rest is compiled by the first runs: {error}")
+    with atomic_path(stamp_file) as part:
+        part.write_text(json.dumps(campaign.stamp()) + "\n", encoding="utf-8")
+
+
+def _attempt(identifier: str, simulate: Callable[[], None], give_up: Callable[[str], None],
+             crashes: Path, progress: Progress) -> None:
+    """Simulate; on an exception log it, count it, and write what stands for the result."""
+    try:
+        simulate()
+    except Exception as error:
+        expected = isinstance(error, DldsimError)
+        reason = str(error) if expected else f"{type(error).__name__}: {error}"
+        progress(reason if expected else traceback.format_exc())
+        campaign.record_crash(crashes, identifier, reason)
+        give_up(reason)
+
+
+def _failed(kind: str, known: Mapping, reason: str) -> dict:
+    blank = {column.name: None for column in COLUMNS[kind] if column.nullable}
+    return {**blank, **known, "status": "failed", "stop_reason": reason}
+
+
+def _empty(kind: str) -> dict:
+    return {column.name: [] for column in COLUMNS[kind]}

@@ -1,0 +1,1007 @@
+"""One self-contained HTML page from the tables of a campaign: results/report.html.
+
+Figures come from :mod:`dldsim.figures`, are saved as PNG and SVG under results/figures/ and
+embedded; beside each stands a relative link to the tables that it was drawn from.
+"""
+
+import base64
+import html
+import importlib.metadata
+import math
+import os
+import platform
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import dldsim
+from dldsim import figures
+from dldsim.campaign import settings_hash
+from dldsim.errors import DldsimError
+from dldsim.tables import atomic_path, read_table
+
+TABLES = {
+    "runs": ("runs.parquet", "runs"),
+    "trajectory": ("trajectories.parquet", "trajectories"),
+    "flows": ("flows.parquet", "flows"),
+    "constriction_runs": ("constriction_runs.parquet", "constriction_runs"),
+    "calibration": ("calibration.parquet", "calibration"),
+    "calibration_correlations": ("calibration_correlations.parquet", "calibration"),
+    "anova": ("anova.parquet", "anova"),
+    "robustness": ("robustness.parquet", "robustness_map"),
+    "benchmark": ("benchmark.parquet", "benchmark"),
+    "predictions": ("predictions.parquet", "benchmark"),
+    "designs": ("designs.parquet", "designs"),
+    "design_trials": ("design_trials.parquet", "designs"),
+}
+"""Table kind: file in the results folder, rule that makes it."""
+REQUIRED = ("runs",)
+EMBED_SVG_BELOW = 260_000
+"""Bytes up to which a figure is embedded as SVG; a larger one is embedded as PNG."""
+STATUS_MEANING = {
+    "converged": "steady bump: the motion repeats every row",
+    "periodic": "the orbit repeats after several rows",
+    "period_limit": "row limit reached before the orbit repeated: angle not converged",
+    "stuck": "the cell stopped moving",
+    "unstable": "the run left the safe range of the numerics",
+    "failed": "the run broke off with an error",
+}
+BROKEN = ("stuck", "unstable", "failed")
+PACKAGES = ("numba", "numpy", "pandas", "statsmodels", "scikit-learn", "xgboost-cpu", "optuna",
+            "snakemake")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+NOT_MEASURED = "–"
+
+
+# --------------------------------------------------------------------------------------- formatting
+
+
+def number(value, digits: int = 3) -> str:
+    """A number with so many significant digits; a dash for null; scientific when far from 1."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return NOT_MEASURED
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int | np.integer):
+        return f"{value:,}".replace(",", "\u202f").replace("-", "−")
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -4 < exponent < 6:
+        text = f"{value:,.{max(digits - 1 - exponent, 0)}f}".replace(",", "\u202f")
+    else:
+        mantissa = f"{value / 10**exponent:.{max(digits - 1, 0)}f}"
+        text = f"{mantissa} × 10{str(exponent).translate(SUPERSCRIPT)}"
+    return text.replace("-", "−")
+
+
+def fixed(value, decimals: int) -> str:
+    """A number with so many decimals; a dash for null."""
+    if value is None or not math.isfinite(value):
+        return NOT_MEASURED
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def probability(value) -> str:
+    """A p-value: two digits, scientific below 0.001."""
+    if value is None or math.isnan(value):
+        return NOT_MEASURED
+    if value < 1e-300:
+        return "< 10" + "-300".translate(SUPERSCRIPT)
+    return number(float(value), 2) if value < 1e-3 else fixed(value, 3)
+
+
+def duration(seconds: float) -> str:
+    """Seconds, minutes or hours, whichever reads best."""
+    if seconds < 120:
+        return f"{number(float(seconds), 2)} s"
+    if seconds < 7200:
+        return f"{number(seconds / 60, 2)} min"
+    return f"{number(seconds / 3600, 3)} h"
+
+
+def text(value) -> str:
+    """Any table value as escaped HTML; a dash for null or empty."""
+    if value is None or (isinstance(value, float) and math.isnan(value)) or value == "":
+        return NOT_MEASURED
+    return html.escape(str(value))
+
+
+def listing(items: Iterable[str]) -> str:
+    """a, b and c."""
+    items = list(items)
+    return " and ".join(filter(None, [", ".join(items[:-1]), *items[-1:]]))
+
+
+def counted(count: int, noun: str) -> str:
+    """"1 run", "3 runs"."""
+    return f"{number(int(count))} {noun}{'' if count == 1 else 's'}"
+
+
+# ------------------------------------------------------------------------------------- the campaign
+
+
+@dataclass
+class Campaign:
+    """Tables of one results folder and the page that grows from them."""
+
+    results: Path
+    output: Path
+    config: dict
+    tables: dict[str, pd.DataFrame]
+    figure_count: int = 0
+    table_count: int = 0
+
+    @property
+    def runs(self) -> pd.DataFrame:
+        return self.tables["runs"]
+
+    def __contains__(self, kind: str) -> bool:
+        return kind in self.tables
+
+    def __getitem__(self, kind: str) -> pd.DataFrame:
+        return self.tables[kind]
+
+    def setting(self, *keys: str):
+        """Value of the configuration, None where it has none."""
+        value = self.config
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else None
+        return value
+
+    def link(self, path: Path) -> str:
+        """Relative link from the page to a file or folder."""
+        target = Path(os.path.relpath(path, self.output.parent)).as_posix()
+        name = path.name + ("/" if path.is_dir() else "")
+        return f'<a href="{html.escape(target)}">{html.escape(name)}</a>'
+
+    def sources(self, kinds: Iterable[str]) -> str:
+        """Links to the tables, and to their CSV twins where these exist."""
+        links = []
+        for kind in kinds:
+            path = self.results / TABLES[kind][0]
+            links += [self.link(p) for p in (path, path.with_suffix(".csv")) if p.exists()]
+        return "Data: " + ", ".join(links)
+
+    def absent(self, kind: str) -> str:
+        """Sentence that names the missing table and the rule that makes it."""
+        name, rule = TABLES[kind]
+        return (
+            f'<p class="absent">Not in this report: the table <code>{name}</code> does not exist '
+            f"yet. Make it with <code>snakemake -j2 {rule}</code>, then run "
+            "<code>snakemake -j2 report</code>.</p>"
+        )
+
+    def figure(self, name: str, figure, caption: str, kinds: Iterable[str], extra: str = "") -> str:
+        """Save a figure, and return it embedded with caption and data links."""
+        self.figure_count += 1
+        folder = self.results / "figures"
+        images = {kind: figures.render(figure, kind) for kind in ("svg", "png")}
+        for kind, image in images.items():
+            with atomic_path(folder / f"{name}.{kind}") as part:
+                part.write_bytes(image)
+        kind = "svg" if len(images["svg"]) <= EMBED_SVG_BELOW else "png"
+        mime = {"svg": "image/svg+xml", "png": "image/png"}[kind]
+        payload = base64.b64encode(images[kind]).decode()
+        width = round(figure.get_figwidth() * 100)
+        alt = html.escape(name.replace("_", " "))
+        files = ", ".join(self.link(folder / f"{name}.{kind}") for kind in ("svg", "png"))
+        return (
+            f'<figure id="figure-{name}"><img alt="{alt}" width="{width}" '
+            f'src="data:{mime};base64,{payload}">\n'
+            f"<figcaption><b>Figure {self.figure_count}.</b> {caption}"
+            f'<span class="source">{self.sources(kinds)}{extra}. Figure: {files}.</span>'
+            "</figcaption></figure>"
+        )
+
+    def table(
+        self, columns: dict[str, Iterable[str]], caption: str, kinds: Iterable[str] = (),
+        marked: Iterable[bool] | None = None,
+    ) -> str:
+        """HTML table; columns: heading (trusted HTML) to ready cells; marked rows are shaded."""
+        self.table_count += 1
+        rows = list(zip(*columns.values(), strict=True))
+        marked = [False] * len(rows) if marked is None else list(marked)
+        head = "".join(f"<th>{heading}</th>" for heading in columns)
+        body = "\n".join(
+            f"<tr{' class=marked' if mark else ''}>"
+            + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>"
+            for row, mark in zip(rows, marked, strict=True)
+        )
+        source = f'<span class="source">{self.sources(kinds)}.</span>' if kinds else ""
+        return (
+            f'<div class="table"><table><caption><b>Table {self.table_count}.</b> {caption}'
+            f"{source}</caption><thead><tr>{head}</tr></thead><tbody>\n{body}\n</tbody></table>"
+            "</div>"
+        )
+
+
+def _numbers(values, digits: int = 3) -> list[str]:
+    return [number(v, digits) for v in values]
+
+
+def _texts(values) -> list[str]:
+    return [text(v) for v in values]
+
+
+def _angles(values, decimals: int = 2) -> list[str]:
+    return [fixed(v, decimals) for v in values]
+
+
+# ----------------------------------------------------------------------------------------- sections
+
+
+def _summary(campaign: Campaign) -> str:
+    runs = campaign.runs
+    settled = int(figures.settled(runs).sum())
+    limited = int((runs["status"] == "period_limit").sum())
+    broken = runs[runs["status"].isin(BROKEN)]
+    modes = [m for m in figures.MODES[:-1] if (runs["mode"] == m).any()]
+    simulation = runs["wall_time_s"].sum()
+    for kind in ("flows", "constriction_runs"):
+        if kind in campaign:
+            simulation += campaign[kind]["wall_time_s"].sum()
+    cards = [
+        (counted(len(runs), "run"), f"{len(_arrays(runs))} arrays × "
+         f"{runs['stiffness_set'].nunique()} stiffness sets"),
+        (f"{settled} converged", f"{limited} not converged, {len(broken)} broke off"),
+        (listing(modes) or "no mode", ", ".join(
+            f"{(runs['mode'] == mode).sum()} {mode}" for mode in modes)),
+        (duration(simulation), "simulation, summed over jobs"),
+    ]
+    if "predictions" in campaign and len(campaign["predictions"]):
+        scores = figures.pooled_scores(campaign["predictions"])
+        by_array = scores[scores["split"] == "geometry"]
+        if len(by_array):
+            best = by_array.iloc[0]
+            cards.append((f"± {number(best['rmse_deg'], 2)}°",
+                          f"error of {text(best['model'])} on arrays it has not seen (RMSE)"))
+    if "designs" in campaign and len(campaign["designs"]):
+        best = campaign["designs"].sort_values("rank").iloc[0]
+        cards.append((f"{fixed(best['separation_deg'], 1)} ± {fixed(best['uncertainty_deg'], 1)}°",
+                      f"separation of the best design ({text(best['request'])})"))
+    parts = ['<div class="cards">' + "".join(
+        f"<div><b>{head}</b><span>{tail}</span></div>" for head, tail in cards) + "</div>"]
+    if len(modes) == 1:
+        parts.append(
+            f'<p class="warning">Every measured run has the same mode ({modes[0]}). Angles then '
+            "follow from the geometry alone, and neither the analysis nor the designs below say "
+            "anything about the cell. Widen the sweep across the critical diameter "
+            '(see <a href="#modes">Migration modes</a>).</p>'
+        )
+    parts.append(_status_table(campaign))
+    if len(broken):
+        parts.append(campaign.table(
+            {
+                "run": _texts(broken["run_id"]), "status": _texts(broken["status"]),
+                "rows passed": _numbers(broken["rows_completed"]),
+                "reason": _texts(broken["stop_reason"]),
+            },
+            "Runs that broke off. They have no angle and are in none of the analyses.", ["runs"],
+        ))
+    else:
+        parts.append("<p>No run broke off.</p>")
+    if limited:
+        parts.append(
+            f"<p>{counted(limited, 'run')} reached the row limit (run_control.max_rows = "
+            f"{text(campaign.setting('run_control', 'max_rows'))}) before the orbit repeated. "
+            "The angle of such a run is taken over its last <i>N</i><sub>p</sub> rows and may "
+            "still change; in every figure it has an <b>open marker</b> or a dashed line, and in "
+            "every table it is called <b>not converged</b>. The analyses do use these runs.</p>"
+        )
+    parts.append(_basis(campaign))
+    parts.append(_settings(campaign, simulation))
+    return "\n".join(parts)
+
+
+def _arrays(runs: pd.DataFrame) -> pd.DataFrame:
+    return runs[["pillar_radius_um", "gap_um", "periodicity"]].drop_duplicates()
+
+
+def _status_table(campaign: Campaign) -> str:
+    runs = campaign.runs
+    statuses = [s for s in STATUS_MEANING if (runs["status"] == s).any()]
+    modes = [m for m in figures.MODES if (runs["mode"] == m).any()]
+    columns = {"status": _texts(statuses)}
+    for mode in modes:
+        columns[figures.mode_name(mode)] = [
+            number(int(((runs["status"] == s) & (runs["mode"] == mode)).sum())) for s in statuses
+        ]
+    columns["all"] = [number(int((runs["status"] == s).sum())) for s in statuses]
+    columns["meaning"] = [STATUS_MEANING[s] for s in statuses]
+    return campaign.table(columns, "Runs by status and migration mode.", ["runs"])
+
+
+def _basis(campaign: Campaign) -> str:
+    runs = campaign.runs
+    cell = runs.iloc[0]
+    sizes = runs[["rows_in_domain", "lanes_in_domain"]].dropna().drop_duplicates()
+    domains = listing(f"{int(rows)} × {int(lanes)}" for rows, lanes in sizes.to_numpy())
+    domains = domains or "an unknown number of"
+    capillary = f"{number(runs['capillary_number'].min(), 2)} to " + number(
+        runs["capillary_number"].max(), 2
+    )
+    reynolds = number(runs["reynolds_number"].max(), 2)
+    entries = {
+        "Measured": "in the simulations of this campaign: trajectories, migration angles, modes, "
+        "deformation along the path, deformation index in the constriction, permeability and tilt "
+        "of the empty arrays, drift of volume and area, run times.",
+        "Derived": "from those by statistics: calibration, analysis of variance, robustness, "
+        "regressors, designs. A design is a prediction of the regressor until it is simulated.",
+        "Assumed": f"a {text(cell['cell_shape'])} cell of radius {cell['cell_radius_um']:g} µm at "
+        "rest; the same liquid inside and outside; a channel "
+        + (f"{cell['height_um']:g} µm high; " if cell["height_um"] else "without top and bottom; ")
+        + f"one cell per periodic domain of {domains} pillars (rows × lanes), so that it meets its "
+        f"own images; a Reynolds number of {reynolds} or less in place of that of the device, at "
+        f"the capillary number of the device, μU/<i>k</i><sub>s</sub> = {capillary}; the "
+        "dimensions of the constriction.",
+        "From literature": "membrane coefficients of the stiffness sets and groups, and the group "
+        "velocities (source paper, read in the simulation units of its code); the line "
+        "<i>D</i><sub>c</sub> = 1.4 <i>G</i> ε<sup>0.48</sup> for rigid spheres (Davis 2008), "
+        "whose scatter is about ±10 %; the open diamonds in the calibration (source paper). None "
+        "of these is a result of this campaign.",
+    }
+    listed = "\n".join(f"<dt>{name}</dt><dd>{what}</dd>" for name, what in entries.items())
+    return (
+        "<h3>Measured, assumed, taken from literature</h3>\n"
+        f'<dl class="basis">\n{listed}\n</dl>'
+    )
+
+
+def _settings(campaign: Campaign, simulation: float) -> str:
+    runs = campaign.runs
+    versions = [f"dldsim {dldsim.__version__}", f"physics version {dldsim.PHYSICS_VERSION}",
+                f"Python {platform.python_version()}"]
+    for package in PACKAGES:
+        try:
+            versions.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            continue
+
+
+    def values(name: str) -> str:
+        return ", ".join(f"{v:g}" for v in sorted(runs[name].unique()))
+
+    ranges = {
+        "Preset": text(campaign.setting("preset")),
+        "Seed": text(campaign.setting("seed")),
+        "Configuration hash": settings_hash(campaign.config),
+        "Pillar radius <i>P</i><sub>r</sub>": values("pillar_radius_um") + " µm",
+        "Gap <i>P</i><sub>g</sub>": values("gap_um") + " µm",
+        "Periodicity <i>N</i><sub>p</sub>": values("periodicity"),
+        "Stiffness sets": text(", ".join(sorted(runs["stiffness_set"].unique()))),
+        "Mean velocity": values("mean_velocity_mm_s") + " mm/s",
+        "Lattice spacing": f"{number(runs['spacing_um'].min())} to "
+        f"{number(runs['spacing_um'].max())} µm",
+        "Simulation time": f"{duration(simulation)} summed over jobs",
+        "Versions": text(", ".join(versions)),
+        "Written": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
+    }
+    for section in ("cell", "flow", "numerics", "run_control", "constriction"):
+        values_of = campaign.setting(section)
+        if isinstance(values_of, dict):
+            ranges[section.replace("_", " ").capitalize()] = text(
+                ", ".join(f"{key} = {value}" for key, value in values_of.items())
+            )
+    return campaign.table(
+        {"setting": ranges.keys(), "value": ranges.values()}, "Settings and provenance.", ["runs"]
+    )
+
+
+def _trajectories(campaign: Campaign) -> str:
+    runs = campaign.runs
+    parts = []
+    tracks = campaign["trajectory"] if "trajectory" in campaign else None
+    if tracks is None:
+        parts.append(campaign.absent("trajectory"))
+    else:
+        picked = [
+            (heading, ids) for heading, ids in figures.pick_trajectories(runs)
+            if set(ids) <= set(tracks["run_id"])
+        ]
+        missing = [m for m in ("bump", "zigzag") if not (runs["mode"] == m).any()]
+        if missing:
+            parts.append(f'<p class="absent">No run of this campaign is in {listing(missing)} '
+                         "mode, so none is drawn.</p>")
+        if picked:
+            panels = [figures.trajectory_panel(h, ids, runs, tracks) for h, ids in picked]
+            parts.append(campaign.figure(
+                "trajectories", figures.draw_trajectories(panels),
+                "Path of the cell's centre of mass over the pillars (grey), laboratory frame, true "
+                "aspect ratio, flow from left to right; the last rows of each run, one period or "
+                "more. Runs are chosen automatically: the converged run nearest to the median "
+                "angle of its mode, and the array that parts two stiffness sets most. Dotted "
+                "circle: diameter of the cell at rest. Below each: deformation index of the "
+                "bounding box, (a − b)/(a + b). Measured.",
+                ["trajectory", "runs"],
+            ))
+    if (runs["rows_completed"] > 0).any():
+        bottom = (
+            "Bottom: where the cell's centre crosses each row, as height in the gap between pillar "
+            "surfaces (grey); a line that ends level has converged. "
+        ) if tracks is not None else ""
+        parts.append(campaign.figure(
+            "all_runs", figures.draw_all_runs(runs, tracks),
+            "All runs. Top: lateral steps summed up, in units of the row shift ελ; a bumping cell "
+            "rises as the dotted line does, a zigzagging one falls back once a period. "
+            + bottom
+            + "The first rows are the transient after release. Measured.",
+            ["runs"] if tracks is None else ["runs", "trajectory"],
+        ))
+    return "\n".join(parts)
+
+
+def _no_angle(runs: pd.DataFrame) -> str | None:
+    if figures.measured(runs).empty:
+        return '<p class="absent">No run of this campaign has a migration angle.</p>'
+    return None
+
+
+def _angle_section(campaign: Campaign) -> str:
+    runs = campaign.runs
+    if sentence := _no_angle(runs):
+        return sentence
+    parts = [campaign.figure(
+        "angles", figures.draw_angles(runs),
+        "Migration angle θ<sub>m</sub> of every run against geometry (position, colour) and "
+        "stiffness set (marker). Dotted: angle of full bump mode, arctan(1/<i>N</i><sub>p</sub>). "
+        "Bars: numerical uncertainty σ<sub>num</sub>, where it is known. Open: not converged. "
+        "Markers at one position are set apart sideways.",
+        ["runs"],
+    )]
+    points = figures.measured(runs)
+    if points["deformation_index"].notna().any():
+        parts.append(campaign.figure(
+            "deformability", figures.draw_deformability(runs),
+            "What the cell's deformability does: θ<sub>m</sub> as a fraction of the bump angle "
+            "against the deformation index from the constriction calibration; one line per array. "
+            "A level line: deformability does not matter in that array.",
+            ["runs", *(["calibration"] if "calibration" in campaign else [])],
+        ))
+    if points["first_period_angle_deg"].notna().any():
+        parts.append(campaign.figure(
+            "first_period", figures.draw_first_period(runs),
+            "Angle over the first period after release (the source paper's protocol) against the "
+            "angle at the end of the run. Off the dotted line, the first period still shows the "
+            "transient. Right: their ratio for bumping runs. Measured.",
+            ["runs"],
+        ))
+    return "\n".join(parts)
+
+
+def _mode_section(campaign: Campaign) -> str:
+    if sentence := _no_angle(campaign.runs):
+        return sentence
+    aspect_ratio = campaign.setting("cell", "aspect_ratio") or 1.0
+    points = figures.mode_points(campaign.runs, aspect_ratio)
+    right_side = (
+        (points["mode"] == "bump") & (points["size_over_critical"] > 1)
+        | (points["mode"] == "zigzag") & (points["size_over_critical"] < 1)
+    )
+    told = points["mode"].isin(["bump", "zigzag"])
+    sentence = ""
+    if told.any():
+        sentence = (f" With this size, the line puts {int(right_side.sum())} of "
+                    f"{int(told.sum())} bumping or zigzagging runs on the right side.")
+    return campaign.figure(
+        "mode_map", figures.draw_mode_map(points),
+        "Migration mode (measured) against the empirical law for rigid spheres, "
+        "D<sub>c</sub> = 1.4 G ε<sup>0.48</sup> (literature, band ±10 %). Cell size: diameter of "
+        f"the sphere of equal volume, {number(float(points['size_um'].median()))} µm here, an "
+        "assumption: which dimension counts depends on how the cell turns and deforms." + sentence
+        + " Left: map of modes, above the line a rigid sphere bumps; side by side at each "
+        "<i>N</i><sub>p</sub> stand the pillar radii, and within each the stiffness sets. Right: "
+        "angle as a fraction of the bump angle across the line.",
+        ["runs"],
+    )
+
+
+def _calibration(campaign: Campaign) -> str:
+    for kind in ("constriction_runs", "calibration"):
+        if kind not in campaign:
+            return campaign.absent(kind)
+    runs, calibration = campaign["constriction_runs"], campaign["calibration"]
+    correlations = campaign.tables.get("calibration_correlations")
+    parts = []
+    broken = runs[runs["deformation_index"].isna()]
+    if len(broken):
+        parts.append(campaign.table(
+            {"run": _texts(broken["run_id"]), "group": _texts(broken["group"]),
+             "status": _texts(broken["status"]), "reason": _texts(broken["stop_reason"])},
+            "Constriction runs without a deformation index; they are left out.",
+            ["constriction_runs"],
+        ))
+    if len(calibration):
+        parts.append(campaign.figure(
+            "calibration", figures.draw_calibration(runs, calibration, correlations),
+            "Deformation index with the cell's centre in the throat. Coloured: one run per release "
+            "position; black: mean and standard deviation over the positions. Grey diamonds: "
+            "values of the source paper for its sets 1 to 5 (literature; it names no channel "
+            "dimensions, so agreement is not to be expected to the digit). Right: Pearson "
+            "correlations over the runs. Moduli and velocity rise together from group to group, "
+            "so a correlation with one of them is not its effect alone.",
+            ["constriction_runs", "calibration",
+             *(["calibration_correlations"] if correlations is not None else [])],
+        ))
+        parts.append(campaign.table(
+            {
+                "group": _texts(calibration["group"]), "set": _texts(calibration["stiffness_set"]),
+                "<i>k</i><sub>s</sub> [µN/m]": _numbers(calibration["ks_uN_per_m"]),
+                "<i>k</i><sub>b</sub> [pN·µm]": _numbers(calibration["kb_pN_um"]),
+                "<i>k</i><sub>α</sub> [µN/m]": _numbers(calibration["kal_uN_per_m"]),
+                "velocity [mm/s]": _numbers(calibration["velocity_mm_s"], 4),
+                "runs": _numbers(calibration["runs"]),
+                "DI": [f"{fixed(m, 3)} ± {fixed(s, 3)}" for m, s in zip(
+                    calibration["deformation_index"], calibration["deformation_index_std"],
+                    strict=True)],
+                "range": [f"{fixed(a, 3)} to {fixed(b, 3)}" for a, b in zip(
+                    calibration["deformation_index_min"], calibration["deformation_index_max"],
+                    strict=True)],
+                "variation": [f"{fixed(100 * v, 1)} %" if pd.notna(v) else NOT_MEASURED
+                              for v in calibration["coefficient_of_variation"]],
+            },
+            "Calibration of the deformation index. Coefficients and velocities are from the source "
+            "paper; DI, range and coefficient of variation are measured.", ["calibration"],
+        ))
+    if runs["deformation_index"].notna().any():
+        parts.append(campaign.figure(
+            "moduli", figures.draw_moduli(runs),
+            "Deformation index of every constriction run against the moduli and the velocity of "
+            "its group. Measured.", ["constriction_runs"],
+        ))
+    folder = campaign.results / "constriction"
+    files = sorted(folder.glob("*.trajectory.parquet"))
+    known = set(runs["run_id"])
+    tracks = [read_table("constriction_trajectory", path) for path in files]
+    tracks = [track[track["run_id"].isin(known)] for track in tracks]
+    tracks = [track for track in tracks if len(track)]
+    if tracks:
+        parts.append(campaign.figure(
+            "diameters", figures.draw_diameters(pd.concat(tracks), runs),
+            "Diameters of the cell's bounding box along the channel, and the deformation index "
+            "from them; one line per run. Measured.",
+            ["constriction_runs"], f", {campaign.link(folder)} ({len(tracks)} trajectories)",
+        ))
+    return "\n".join(parts)
+
+
+MODEL_CAPTION = {
+    "hierarchical": "Hierarchical model, main effects and interactions: the result.",
+    "main_effects": "Main effects alone.",
+    "seed_interactions": "Interactions without main effects, as in the source paper.",
+}
+
+
+def _term(name: str) -> str:
+    """Term of an analysis of variance in the symbols of the text."""
+    name = html.escape(name)
+    for column, symbol in (("pillar_radius_um", "<i>P</i><sub>r</sub>"), ("periodicity",
+                           "<i>N</i><sub>p</sub>"), ("gap_um", "<i>P</i><sub>g</sub>"),
+                           ("deformation_index", "DI"), (":", " × ")):
+        name = name.replace(column, symbol)
+    return name
+
+
+def _anova(campaign: Campaign) -> str:
+    if "anova" not in campaign:
+        return campaign.absent("anova")
+    table = campaign["anova"]
+    parts = [
+        "<p>The simulation has no noise: what a model leaves over is its lack of fit, and p-values "
+        "rank the effects rather than tell whether a repetition would give the same.</p>"
+    ]
+    if table["partial_eta_sq"].notna().any():
+        parts.append(campaign.figure(
+            "effects", figures.draw_effects(table),
+            "How strongly each term moves θ<sub>m</sub>: partial η² = SS/(SS + "
+            "SS<sub>residual</sub>). Filled: p &lt; 0.05.", ["anova"],
+        ))
+    order = [*MODEL_CAPTION, *(m for m in table["model"].unique() if m not in MODEL_CAPTION)]
+    for model in order:
+        part = table[table["model"] == model]
+        if part.empty:
+            continue
+        shown = part[part["sum_sq"].notna()]
+        caption = MODEL_CAPTION.get(model, html.escape(model))
+        if len(shown):
+            whole = [int(df) if df == int(df) else df for df in shown["df"]]
+            parts.append(campaign.table(
+                {
+                    "term": [_term(t) for t in shown["term"]],
+                    "sum of squares [deg²]": _numbers(shown["sum_sq"], 4),
+                    "df": _numbers(whole), "F": _numbers(shown["f_value"], 4),
+                    "p": [probability(p) for p in shown["p_value"]],
+                    "partial η²": _angles(shown["partial_eta_sq"], 3),
+                },
+                f"Type II analysis of variance of θ<sub>m</sub>. {caption}", ["anova"],
+            ))
+        else:
+            parts.append(f"<p>{caption} This model has nothing to show here.</p>")
+        noted = part[(part["note"].fillna("") != "") & (part["term"] != "residual")]
+        notes = [
+            f"<li>{listing(_term(t) for t in group['term'])}: {text(note)}</li>"
+            for note, group in noted.groupby("note", sort=False)
+        ]
+        if notes:
+            parts.append('<ul class="notes">' + "\n".join(notes) + "</ul>")
+    return "\n".join(parts)
+
+
+def _robustness(campaign: Campaign) -> str:
+    if "robustness" not in campaign:
+        return campaign.absent("robustness")
+    table = campaign["robustness"]
+    if not table["stability_score_deg2"].notna().any():
+        return ('<p class="absent">No array has a neighbour in the sweep, so there is no '
+                "stability score.</p>")
+    best = table[table["robust"].astype(bool)].sort_values("stability_score_deg2")
+    return "\n".join([
+        campaign.figure(
+            "robustness_map", figures.draw_robustness(table),
+            "Robustness map. Number: θ<sub>m</sub> averaged over the stiffness sets. Colour: "
+            "stability score, mean squared change of that angle to the neighbouring arrays of the "
+            "sweep, one parameter changed at a time; low is stable. Frame: the most stable 15 %. "
+            "The score depends on the steps of the sweep, and an array in which nothing happens "
+            "is stable too.", ["robustness"],
+        ),
+        campaign.table(
+            {
+                "<i>P</i><sub>r</sub> [µm]": _numbers(best["pillar_radius_um"]),
+                "<i>P</i><sub>g</sub> [µm]": _numbers(best["gap_um"]),
+                "<i>N</i><sub>p</sub>": _numbers(best["periodicity"]),
+                "mean θ<sub>m</sub> [°]": _angles(best["mean_migration_angle_deg"]),
+                "score [deg²]": _numbers(best["stability_score_deg2"]),
+                "neighbours": _numbers(best["neighbours"]), "modes": _texts(best["modes"]),
+            },
+            "The most stable arrays.", ["robustness"],
+        ),
+    ])
+
+
+def _spread(values: pd.Series, digits: int = 2) -> str:
+    """Mean ± standard deviation over folds."""
+    mean = number(float(values.mean()), digits)
+    return f"{mean} ± {number(float(values.std()), digits)}" if len(values) > 1 else mean
+
+
+def _benchmark(campaign: Campaign) -> str:
+    for kind in ("benchmark", "predictions"):
+        if kind not in campaign:
+            return campaign.absent(kind)
+    benchmark, predictions = campaign["benchmark"], campaign["predictions"]
+    if predictions.empty:
+        return '<p class="absent">The benchmark holds no prediction.</p>'
+    scores = figures.pooled_scores(predictions)
+    models = list(dict.fromkeys(scores["model"]))
+    columns: dict[str, list[str]] = {"model": _texts(models)}
+    for split in ("random", "geometry"):
+        folds = benchmark[benchmark["split"] == split].set_index("model")
+        pooled = scores[scores["split"] == split].set_index("model")
+        for name, heading in (("rmse_deg", "RMSE [°]"), ("mae_deg", "MAE [°]")):
+            columns[f"{heading}<br><small>{split}</small>"] = [
+                _spread(folds.loc[[m], name]) if m in folds.index else NOT_MEASURED for m in models
+            ]
+        columns[f"R²<br><small>{split}</small>"] = [
+            fixed(pooled["r2"].get(m, math.nan), 3) for m in models
+        ]
+    columns["fit [ms]"] = [
+        number(1e3 * float(benchmark.loc[benchmark["model"] == m, "fit_time_s"].mean()), 2)
+        for m in models
+    ]
+    best = models[0]
+    return "\n".join([
+        "<p>A <b>random split</b> leaves other stiffness sets of the same array in the training "
+        "data; a <b>split by geometry</b> keeps whole arrays back. Only the second tells a "
+        "designer what an array that was never simulated will do.</p>",
+        campaign.figure(
+            "benchmark", figures.draw_benchmark(scores, benchmark),
+            "Error of the regressors on held-out runs. Large markers: all held-out predictions "
+            "together; bars: single folds. The source paper's R² = 0.9999 comes from a random "
+            "split.", ["benchmark", "predictions"],
+        ),
+        campaign.table(
+            columns, "Regressors, best by geometry first. RMSE and MAE: mean ± standard deviation "
+            "over folds; R² over all held-out predictions together.", ["benchmark", "predictions"],
+        ),
+        campaign.figure(
+            "parity", figures.draw_parity(predictions, scores, best),
+            f"Held-out predictions of {text(best)}, the best by geometry, against the simulated "
+            "angle.", ["predictions"],
+        ),
+    ])
+
+
+def _designs(campaign: Campaign) -> str:
+    parts = []
+    if "designs" not in campaign:
+        parts.append(campaign.absent("designs"))
+    elif campaign["designs"].empty:
+        parts.append('<p class="absent">The search found no feasible design.</p>')
+    else:
+        designs = campaign["designs"].sort_values(["request", "rank"])
+        parts.append(campaign.figure(
+            "designs", figures.draw_designs(designs),
+            "Designs of the TPE search, predicted by the surrogate and not simulated. Line: range "
+            "of the separation over the fabrication tolerance on <i>P</i><sub>r</sub> and "
+            "<i>P</i><sub>g</sub>. Shade: uncertainty of a difference of two predictions "
+            "(cross-validated RMSE by geometry × √2); a separation inside the shade is not "
+            "resolved.", ["designs"],
+        ))
+        for request, table in designs.groupby("request", sort=False):
+            parts.append(campaign.table(
+                {
+                    "rank": _numbers(table["rank"]),
+                    "<i>P</i><sub>r</sub> [µm]": _numbers(table["pillar_radius_um"]),
+                    "<i>P</i><sub>g</sub> [µm]": _numbers(table["gap_um"]),
+                    "<i>N</i><sub>p</sub>": _numbers(table["periodicity"]),
+                    "θ<sub>m</sub> of cells 1, 2 [°]": [
+                        f"{fixed(a, 2)}, {fixed(b, 2)}" for a, b in zip(
+                            table["angle_1_deg"], table["angle_2_deg"], strict=True)],
+                    "separation [°]": [
+                        f"{fixed(s, 2)} ± {fixed(u, 2)}" for s, u in zip(
+                            table["separation_deg"], table["uncertainty_deg"], strict=True)],
+                    "over tolerance [°]": [
+                        f"{fixed(a, 2)} to {fixed(b, 2)}" for a, b in zip(
+                            table["separation_tolerance_min_deg"],
+                            table["separation_tolerance_max_deg"], strict=True)],
+                    "in training domain": _numbers(table["inside_training_domain"]),
+                    "verdict": _texts(table["verdict"]),
+                },
+                f"Ranked designs for “{text(request)}”. Predicted, not simulated.", ["designs"],
+            ))
+    if "design_trials" not in campaign:
+        parts.append(campaign.absent("design_trials"))
+    elif len(campaign["design_trials"]):
+        trials = campaign["design_trials"]
+        refused = trials[~trials["feasible"].astype(bool)]
+        reasons = refused["reason"].fillna("").value_counts()
+        listed = "; ".join(f"{number(int(n))} × {text(r)}" for r, n in reasons.items())
+        parts.append(campaign.figure(
+            "search", figures.draw_search(trials),
+            "Course of the search (tree-structured Parzen estimator). Crosses on the axis: "
+            "infeasible trials, ranked below every feasible one." + (
+                f" Reasons: {listed}." if listed else ""), ["design_trials"],
+        ))
+    return "\n".join(parts)
+
+
+def _flow(campaign: Campaign) -> str:
+    if "flows" not in campaign:
+        return campaign.absent("flows")
+    table = campaign["flows"]
+    if table.empty:
+        return '<p class="absent">The table of flows has no row.</p>'
+    if table["permeability_over_pitch2"].isna().all():
+        return '<p class="absent">Every flow of this campaign failed.</p>'
+    worst = float(table["lateral_flux_ratio"].abs().max())
+    return "\n".join([
+        campaign.figure(
+            "flows", figures.draw_flows(table),
+            "Flow through the arrays without a cell. Left: permeability along x. Right: angle by "
+            "which the stream would leave the x axis under a force along x alone. With the drive "
+            f"of the runs, the lateral flux is at most {number(worst, 2)} of the axial one. "
+            "Measured.", ["flows"],
+        ),
+        "<details><summary>Table of flows</summary>",
+        campaign.table(
+            {
+                "<i>P</i><sub>r</sub> [µm]": _numbers(table["pillar_radius_um"]),
+                "<i>P</i><sub>g</sub> [µm]": _numbers(table["gap_um"]),
+                "<i>N</i><sub>p</sub>": _numbers(table["periodicity"]),
+                "permeability/λ²": _numbers(table["permeability_over_pitch2"]),
+                "tilt [°]": _angles(table["tilt_deg"]),
+                "lateral/axial flux": _numbers(table["lateral_flux_ratio"], 2),
+                "Δx [µm]": _numbers(table["spacing_um"]),
+                "nodes": _numbers(table["nodes"]), "steps": _numbers(table["steps"]),
+                "time [s]": _numbers(table["wall_time_s"], 2),
+                "status": _texts(table["status"]),
+            },
+            "Empty arrays.", ["flows"],
+        ),
+        "</details>",
+    ])
+
+
+NUMERICS = {
+    "ms_per_step": ("wall time per step", "ms"),
+    "mlups": ("speed", "MLUPS"),
+    "steps": ("steps", "1"),
+    "nodes": ("fluid nodes", "1"),
+    "vertices": ("membrane vertices", "1"),
+    "wall_time_s": ("wall time per run", "s"),
+    "spacing_um": ("lattice spacing Δx", "µm"),
+    "time_step_us": ("time step", "µs"),
+    "capillary_number": ("capillary number μU/k<sub>s</sub>", "1"),
+    "reynolds_number": ("Reynolds number (numerical)", "1"),
+    "mach_max": ("largest Mach number", "1"),
+    "volume_drift_max": ("largest volume drift", "1"),
+    "area_drift_max": ("largest area drift", "1"),
+    "min_clearance_um": ("smallest clearance", "µm"),
+    "lateral_flux_ratio": ("lateral/axial flux", "1"),
+    "sigma_num_deg": ("σ<sub>num</sub> of θ<sub>m</sub>", "°"),
+}
+
+
+def _numerics(campaign: Campaign) -> str:
+    runs = campaign.runs
+    names = [name for name in NUMERICS if runs[name].notna().any()]
+
+    def column(what: Callable) -> list[str]:
+        return [number(float(what(runs[name].dropna())), 3) for name in names]
+
+    left_out = runs["left_out"].fillna("").replace("", "nothing").value_counts()
+    return "\n".join([
+        campaign.figure(
+            "numerics", figures.draw_numerics(runs),
+            "Cost and conservation. Left: wall time of a step. Middle: share of runs whose largest "
+            "drift of volume or area stays below the value; dotted: 2 %. Right: wall time of each "
+            "run by migration mode. Measured.", ["runs"],
+        ),
+        campaign.table(
+            {
+                "quantity": [NUMERICS[n][0] for n in names],
+                "unit": [NUMERICS[n][1] for n in names],
+                "smallest": column(np.min), "median": column(np.median),
+                "largest": column(np.max),
+            },
+            "Numerics over all runs.", ["runs"],
+        ),
+        campaign.table(
+            {"left out of the simulation": _texts(left_out.index),
+             "runs": _numbers(left_out.to_numpy())},
+            "What the scenes did not need and therefore did not compute.", ["runs"],
+        ),
+    ])
+
+
+def _all_runs(campaign: Campaign) -> str:
+    runs = campaign.runs.sort_values("run_id")
+    status = ["not converged" if s == "period_limit" else s for s in runs["status"]]
+    table = campaign.table(
+        {
+            "run": _texts(runs["run_id"]), "status": _texts(status),
+            "mode": [figures.mode_name(mode) for mode in runs["mode"]],
+            "θ<sub>m</sub> [°]": [
+                fixed(a, 2) + (f" ± {fixed(s, 2)}" if pd.notna(s) else "")
+                for a, s in zip(runs["migration_angle_deg"], runs["sigma_num_deg"], strict=True)],
+            "first period [°]": _angles(runs["first_period_angle_deg"]),
+            "bump [°]": _angles(runs["bump_angle_deg"]),
+            "rows": _numbers(runs["rows_completed"]),
+            "orbit [rows]": [number(int(v)) if v else NOT_MEASURED for v in runs["orbit_rows"]],
+            "DI": _angles(runs["deformation_index"], 3),
+            "time [s]": _numbers(runs["wall_time_s"], 2),
+            "why it stopped": _texts(runs["stop_reason"]),
+        },
+        "All runs; rows of runs that are not converged or broke off are shaded.", ["runs"],
+        ~figures.settled(runs),
+    )
+    return f"<details><summary>Table of all {len(runs)} runs</summary>\n{table}\n</details>"
+
+
+SECTIONS: tuple[tuple[str, str, Callable[[Campaign], str]], ...] = (
+    ("summary", "Summary", _summary),
+    ("trajectories", "Trajectories", _trajectories),
+    ("angles", "Migration angle", _angle_section),
+    ("modes", "Migration modes", _mode_section),
+    ("calibration", "Calibration of the deformation index", _calibration),
+    ("anova", "Analysis of variance", _anova),
+    ("robustness", "Robustness map", _robustness),
+    ("benchmark", "Regressors", _benchmark),
+    ("designs", "Designs", _designs),
+    ("flow", "Flow without a cell", _flow),
+    ("numerics", "Numerics", _numerics),
+    ("runs", "All runs", _all_runs),
+)
+
+STYLE = """
+:root { --ink: #1d2126; --soft: #5f6368; --line: #d9dce0; --blue: #0b5c92; --paper: #fff; }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--paper); color: var(--ink); line-height: 1.5;
+  font: 1.02rem/1.55 Charter, "Bitstream Charter", "Sitka Text", Cambria, Georgia, serif; }
+.page { display: grid; grid-template-columns: 14rem minmax(0, 58rem); gap: 3rem; margin: 0 auto;
+  max-width: 78rem; padding: 2rem 1.5rem 5rem; }
+nav { position: sticky; top: 2rem; align-self: start; font: .86rem/1.5 system-ui, sans-serif; }
+nav ol { list-style: none; margin: 0; padding: 0; counter-reset: s; }
+nav li { padding: .18rem 0; }
+a { color: var(--blue); text-decoration: none; } a:hover { text-decoration: underline; }
+h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .3rem; }
+h2 { font-size: 1.4rem; margin: 3.2rem 0 .8rem; padding-top: .6rem;
+  border-top: 1px solid var(--line); }
+h3 { font-size: 1.08rem; margin: 1.8rem 0 .4rem; }
+.lead { color: var(--soft); margin: 0; }
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: .8rem;
+  margin: 1.2rem 0; font-family: system-ui, sans-serif; }
+.cards div { border: 1px solid var(--line); border-radius: .4rem; padding: .7rem .9rem; }
+.cards b { display: block; font-size: 1.2rem; font-weight: 600; }
+.cards span { color: var(--soft); font-size: .82rem; }
+figure { margin: 1.6rem 0 2.2rem; } figure img { display: block; max-width: 100%; height: auto; }
+figcaption, caption { font: .86rem/1.45 system-ui, sans-serif; color: #33383e; text-align: left; }
+figcaption { margin-top: .6rem; max-width: 52rem; }
+caption { padding-bottom: .5rem; }
+.source { display: block; color: var(--soft); margin-top: .15rem; }
+.table { overflow-x: auto; margin: 1.4rem 0 2rem; }
+table { border-collapse: collapse; font: .84rem/1.4 system-ui, sans-serif;
+  font-variant-numeric: tabular-nums; border-bottom: 1.5px solid var(--ink); min-width: 60%; }
+thead th { border-top: 1.5px solid var(--ink); border-bottom: 1px solid var(--ink);
+  text-align: left; vertical-align: bottom; font-weight: 600; padding: .35rem .7rem .35rem 0; }
+td { padding: .24rem .9rem .24rem 0; vertical-align: top; border-bottom: 1px solid #eef0f2; }
+tr.marked td { background: #f6f3ea; }
+small { font-weight: 400; color: var(--soft); }
+code { font: .86em ui-monospace, "SFMono-Regular", Menlo, Consolas, monospace;
+  background: #f3f4f6; padding: .05em .3em; border-radius: .2em; }
+.basis { display: grid; grid-template-columns: 9rem 1fr; gap: .5rem 1rem; margin: .5rem 0 1.5rem; }
+.basis dt { font-weight: 600; } .basis dd { margin: 0; }
+.absent { border-left: 3px solid var(--line); padding-left: .9rem; color: var(--soft); }
+.warning { border-left: 3px solid #d55e00; padding-left: .9rem; }
+.notes { font: .84rem/1.45 system-ui, sans-serif; color: #33383e; margin: -1.2rem 0 2rem;
+  padding-left: 1.1rem; }
+summary { cursor: pointer; color: var(--blue); font-family: system-ui, sans-serif; }
+@media (max-width: 60rem) { .page { display: block; } nav { position: static; margin: 1rem 0; } }
+@media print {
+  @page { margin: 16mm 14mm; }
+  body { font-size: 10pt; } .page { display: block; padding: 0; max-width: none; }
+  nav { position: static; columns: 2; margin-bottom: 1rem; }
+  a { color: inherit; } h2 { break-after: avoid; } h3 { break-after: avoid; }
+  figure, tr, .cards { break-inside: avoid; }
+  figure img { max-height: 21cm; width: auto; } .table { overflow: visible; }
+  table { font-size: 7.6pt; }
+}
+"""
+
+
+# --------------------------------------------------------------------------------------------- page
+
+
+def make_report(results_dir: Path, output: Path, config: dict) -> None:
+    """Write the report of a results folder as one self-contained HTML file.
+
+    Figures go to results_dir/figures as PNG and SVG. Optional tables that do not exist are named
+    in their section with the rule that makes them. Raises DldsimError when the table of runs is
+    missing or empty, or a table cannot be read.
+    """
+    results_dir, output = Path(results_dir), Path(output)
+    tables = {}
+    for kind, (name, rule) in TABLES.items():
+        path = results_dir / name
+        if path.exists():
+            tables[kind] = read_table(kind, path)
+        elif kind in REQUIRED:
+            raise DldsimError(
+                f"The report needs the table of {kind}, and {path} does not exist. "
+                f"Make it with: snakemake -j2 {rule}"
+            )
+    if tables["runs"].empty:
+        raise DldsimError(
+            f"The table of runs {results_dir / TABLES['runs'][0]} has no row, so there is nothing "
+            "to report. Check the sweep in config.yaml, then run: snakemake -j2 all"
+        )
+    campaign = Campaign(results_dir, output, config, tables)
+    bodies = [(anchor, title, make(campaign)) for anchor, title, make in SECTIONS]
+    contents = "\n".join(f'<li><a href="#{a}">{title}</a></li>' for a, title, _ in bodies)
+    sections = "\n".join(
+        f'<section id="{a}"><h2>{title}</h2>\n{body}\n</section>' for a, title, body in bodies
+    )
+    preset = campaign.setting("preset")
+    name = f"Campaign “{text(preset)}”" if preset else "Campaign"
+    page = f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{name}: deformable cells in DLD arrays</title>
+<style>{STYLE}</style></head>
+<body><div class="page">
+<nav aria-label="Contents"><ol>
+{contents}
+</ol></nav>
+<main>
+<h1>{name}</h1>
+<p class="lead">Deformable cells in deterministic lateral displacement arrays: simulated
+trajectories, statistics, surrogate and designs.</p>
+{sections}
+</main></div></body></html>
+"""
+    with atomic_path(output) as part:
+        part.write_text(page, encoding="utf-8")

@@ -1,0 +1,513 @@
+"""Parquet tables: one schema per kind, with unit, meaning and provenance in the file.
+
+A table is written whole or not at all, holds no NaN (null means "not measured"), and is refused on
+reading if it is truncated, foreign, of another kind, or of another physics version.
+"""
+
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from dldsim import PHYSICS_VERSION, __version__
+from dldsim.errors import DldsimError
+
+METADATA_KEY = b"dldsim"
+
+
+class Column(NamedTuple):
+    """One column of a table. A nullable one may hold null, "not measured"."""
+
+    name: str
+    type: pa.DataType
+    unit: str
+    description: str
+    nullable: bool = False
+
+
+_TEXT, _INT, _FLOAT, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+
+
+def _text(name: str, description: str, nullable: bool = False) -> Column:
+    return Column(name, _TEXT, "", description, nullable)
+
+
+def _count(name: str, description: str, nullable: bool = False) -> Column:
+    return Column(name, _INT, "1", description, nullable)
+
+
+def _flag(name: str, description: str, nullable: bool = False) -> Column:
+    return Column(name, _BOOL, "", description, nullable)
+
+
+def _real(name: str, unit: str, description: str, nullable: bool = False) -> Column:
+    return Column(name, _FLOAT, unit, description, nullable)
+
+
+def _nullable(*columns: Column) -> tuple[Column, ...]:
+    return tuple(column._replace(nullable=True) for column in columns)
+
+
+_RUN_ID = _text("run_id", "identifier of the run")
+_GEOMETRY = (
+    _real("pillar_radius_um", "µm", "pillar radius P_r"),
+    _real("gap_um", "µm", "gap P_g between pillar surfaces"),
+    _count("periodicity", "rows N_p after which the array repeats"),
+)
+_STATUS = (
+    _text("status", "how the run ended"),
+    _text("stop_reason", "why it ended so"),
+)
+_SPRINGS = (
+    _real("ks_uN_per_m", "µN/m", "edge spring constant k_s"),
+    _real("kb_pN_um", "pN·µm", "dihedral bending constant k_b"),
+    _real("kal_uN_per_m", "µN/m", "local area constant k_α"),
+)
+_COST = _nullable(
+    _count("steps", "lattice-Boltzmann steps"),
+    _real("wall_time_s", "s", "time of the calculation"),
+    _real("mlups", "1e6/s", "lattice node updates a second"),
+)
+_DRIFT = _nullable(
+    _real("volume_drift_max", "1", "largest relative deviation of the cell volume from rest"),
+    _real("area_drift_max", "1", "largest relative deviation of the membrane area from rest"),
+)
+_POSITION = (
+    _RUN_ID,
+    _count("step", "lattice-Boltzmann step"),
+    _real("t_ms", "ms", "physical time since release"),
+    _real("x_um", "µm", "centre of mass along the flow, unwrapped"),
+    _real("y_um", "µm", "centre of mass across the flow, unwrapped"),
+    _real("z_um", "µm", "centre of mass above the channel floor"),
+)
+_RATIOS = (
+    _real("volume_ratio", "1", "cell volume / volume at rest"),
+    _real("area_ratio", "1", "membrane area / area at rest"),
+)
+
+COLUMNS: dict[str, tuple[Column, ...]] = {
+    "trajectory": (
+        *_POSITION,
+        _real("vx_mm_s", "mm/s", "velocity of the centre of mass along the flow"),
+        _real("vy_mm_s", "mm/s", "velocity of the centre of mass across the flow"),
+        _real("vz_mm_s", "mm/s", "velocity of the centre of mass along the height"),
+        _real("deformation_index", "1", "(a − b)/(a + b) of the projected profile's bounding box"),
+        _real("axis_a_um", "µm", "longer side of that box"),
+        _real("axis_b_um", "µm", "shorter side of that box"),
+        *_RATIOS,
+        _real("clearance_um", "µm", "least distance of membrane and solid", nullable=True),
+        _real("energy_stretching_aJ", "aJ", "edge spring energy"),
+        _real("energy_bending_aJ", "aJ", "bending energy"),
+        _real("energy_local_area_aJ", "aJ", "local area energy"),
+        _real("energy_global_area_aJ", "aJ", "global area energy"),
+        _real("energy_volume_aJ", "aJ", "volume energy"),
+    ),
+    "runs": (
+        _RUN_ID,
+        *_GEOMETRY[:2],
+        _real("pitch_um", "µm", "centre-to-centre distance λ = 2 P_r + P_g"),
+        _GEOMETRY[2],
+        _real("row_shift_fraction", "1", "row shift / pitch, ε = 1/N_p"),
+        _text("stiffness_set", "name of the membrane"),
+        _text("cell_shape", "rest shape"),
+        _real("cell_radius_um", "µm", "largest radius of the rest shape"),
+        _real("height_um", "µm", "channel height; 0: two-dimensional limit"),
+        *_SPRINGS,
+        _real("kag_uN_per_m", "µN/m", "global area constant k_ag"),
+        _real("kv_Pa", "Pa", "volume constant k_v"),
+        _real("kvisc_nN_s_per_m", "nN·s/m", "edge dashpot k_visc"),
+        _real("mean_velocity_mm_s", "mm/s", "mean velocity over the unit cell"),
+        *_nullable(
+            _real("deformation_index", "1", "of the stiffness set, mean of the constriction runs"),
+            _real("deformation_index_std", "1", "scatter of the constriction runs"),
+        ),
+        _text("status", "converged, periodic, period_limit, stuck, unstable or failed"),
+        _STATUS[1],
+        _text("mode", "bump, zigzag, mixed or none"),
+        *_nullable(
+            _real("migration_angle_deg", "°", "migration angle θ_m; not converged: last N_p rows"),
+            _real("first_period_angle_deg", "°", "angle of the first period after release"),
+            _real("sigma_num_deg", "°", "numerical uncertainty of the migration angle"),
+        ),
+        _real("bump_angle_deg", "°", "angle of full bump mode, atan(1/N_p)"),
+        _count("rows_completed", "rows passed"),
+        _count("orbit_rows", "rows after which the motion repeats; 0: it did not"),
+        Column("lateral_steps_um", pa.list_(_FLOAT), "µm", "lateral step of each row"),
+        _COST[0],
+        *_nullable(
+            _count("nodes", "fluid nodes"),
+            _count("vertices", "membrane vertices"),
+            _real("spacing_um", "µm", "lattice spacing"),
+            _count("rows_in_domain", "pillar rows in the periodic domain"),
+            _count("lanes_in_domain", "pillars per row in the periodic domain"),
+            _real("time_step_us", "µs", "time step, in the time of the physical flow"),
+            _real("relaxation_time", "1", "relaxation time τ, lattice units"),
+        ),
+        _COST[1],
+        _real("ms_per_step", "ms", "wall time per step", nullable=True),
+        _COST[2],
+        *_nullable(
+            _real("capillary_number", "1", "μU/k_s, with the spring constant; null for k_s = 0"),
+            _real("reynolds_number", "1", "U·2R/ν of the simulation"),
+            _real("mach_max", "1", "largest Mach number"),
+        ),
+        _real("confinement", "1", "2R/P_g"),
+        *_nullable(_real("lateral_flux_ratio", "1", "lateral / axial flux of the empty array")),
+        *_DRIFT,
+        *_nullable(
+            _real("min_clearance_um", "µm", "least distance of membrane and solid"),
+            _real("mean_deformation_index", "1", "deformation index in the array, mean in time"),
+        ),
+        _text("left_out", "what the scene did without"),
+        _text("numerics", "numerics used, JSON"),
+    ),
+    "flows": (
+        *_GEOMETRY,
+        _real("pitch_um", "µm", "centre-to-centre distance λ = 2 P_r + P_g"),
+        _real("height_um", "µm", "channel height; 0: two-dimensional limit"),
+        _text("drive", "no-lateral-flux, or axial: body force along x only"),
+        *_STATUS,
+        *_nullable(
+            _real("permeability_over_pitch2", "1", "permeability k_xx / pitch²"),
+            _real("permeability_xx_over_pitch2", "1", "permeability k_xx / pitch²"),
+            _real("permeability_xy_over_pitch2", "1", "permeability k_xy / pitch²"),
+            _real("permeability_yx_over_pitch2", "1", "permeability k_yx / pitch²"),
+            _real("permeability_yy_over_pitch2", "1", "permeability k_yy / pitch²"),
+            _real("tilt_deg", "°", "tilt of the mean flow under a force along x"),
+            _real("lateral_flux_ratio", "1", "lateral / axial flux with the drive in force"),
+            _real("drag_over_mu_U", "1", "drag of a pillar per length / (μU)"),
+            _real("force_ratio_y_over_x", "1", "lateral / axial body force of the drive in force"),
+            _real("spacing_um", "µm", "lattice spacing"),
+            _count("nodes", "fluid nodes"),
+        ),
+        *_COST,
+    ),
+    "constriction_runs": (
+        _RUN_ID,
+        _text("group", "stiffness group"),
+        _text("stiffness_set", "stiffness set that the group calibrates; empty: none"),
+        *_SPRINGS,
+        _real("velocity_mm_s", "mm/s", "mean velocity in the wide channel"),
+        _text("design", "group-velocity: each group at its own velocity"),
+        _real("release_position_um", "µm", "release, from the first possible position"),
+        *_STATUS,
+        *_nullable(
+            _real("deformation_index", "1", "mean while the centre is in the throat"),
+            _real("deformation_index_max", "1", "largest on the way"),
+            _real("throat_d_um", "µm", "extent along the flow at the throat's centre"),
+            _real("throat_h_um", "µm", "extent across the flow at the throat's centre"),
+        ),
+        *_COST,
+        _real("capillary_number", "1", "μv/k_s, with the spring constant; null for k_s = 0", True),
+        *_DRIFT,
+    ),
+    "constriction_trajectory": (
+        *_POSITION,
+        _real("diameter_d_um", "µm", "extent along the flow"),
+        _real("diameter_h_um", "µm", "extent across the flow"),
+        _real("deformation_index", "1", "(a − b)/(a + b) of the projected profile's bounding box"),
+        *_RATIOS,
+    ),
+    "calibration": (
+        _text("group", "stiffness group"),
+        _text("stiffness_set", "stiffness set that the group calibrates; empty: none"),
+        *_SPRINGS,
+        _real("velocity_mm_s", "mm/s", "mean velocity in the wide channel"),
+        _count("runs", "constriction runs with a deformation index"),
+        *_nullable(
+            _real("deformation_index", "1", "mean over the release positions"),
+            _real("deformation_index_std", "1", "standard deviation over the release positions"),
+            _real("deformation_index_min", "1", "least over the release positions"),
+            _real("deformation_index_max", "1", "largest over the release positions"),
+            _real("coefficient_of_variation", "1", "standard deviation / mean"),
+        ),
+    ),
+    "calibration_correlations": (
+        _text("variable_a", "column name"),
+        _text("variable_b", "column name"),
+        _real("pearson_r", "1", "Pearson correlation; null if a variable is constant", True),
+        _count("n", "constriction runs compared"),
+    ),
+    "anova": (
+        _text("model", "main_effects, seed_interactions or hierarchical"),
+        _text("term", "factor, interaction or residual"),
+        *_nullable(
+            _real("sum_sq", "deg²", "sum of squares, type II"),
+            _real("df", "1", "degrees of freedom"),
+            _real("f_value", "1", "F statistic"),
+            _real("p_value", "1", "probability of such an F by chance"),
+            _real("partial_eta_sq", "1", "sum of squares / (itself + residual)"),
+        ),
+        _text("note", "what to know about this row"),
+    ),
+    "robustness": (
+        *_GEOMETRY,
+        *_nullable(
+            _real("mean_migration_angle_deg", "°", "mean over the stiffness sets"),
+            _real("stability_score_deg2", "deg²", "mean squared difference to the neighbours"),
+        ),
+        _count("neighbours", "geometries that differ in one parameter by one level"),
+        _flag("robust", "among the most stable 15 %"),
+        _text("modes", "modes seen"),
+    ),
+    "benchmark": (
+        _text("model", "regressor"),
+        _text("split", "random, or by geometry"),
+        _count("fold", "number of the split"),
+        _count("n_train", "rows learnt from"),
+        _count("n_test", "rows predicted"),
+        _real("mse_deg2", "deg²", "mean squared error"),
+        _real("rmse_deg", "°", "its root"),
+        _real("mae_deg", "°", "mean absolute error"),
+        _real("r2", "1", "coefficient of determination; null for constant test rows", True),
+        _real("fit_time_s", "s", "time of the fit"),
+        _real("predict_time_s", "s", "time of the prediction"),
+    ),
+    "predictions": (
+        _RUN_ID,
+        _text("model", "regressor"),
+        _text("split", "random, or by geometry"),
+        _count("fold", "number of the split"),
+        _real("observed_deg", "°", "simulated migration angle"),
+        _real("predicted_deg", "°", "predicted migration angle"),
+        _flag("converged", "whether the simulated motion repeats"),
+    ),
+    "designs": (
+        _text("request", "name of the design request"),
+        _count("rank", "1 is the best"),
+        *_GEOMETRY,
+        _real("separation_deg", "°", "difference of the two predicted angles"),
+        _real("angle_1_deg", "°", "predicted angle of the first cell type"),
+        _real("angle_2_deg", "°", "predicted angle of the second cell type"),
+        _real("separation_tolerance_min_deg", "°", "least separation within the tolerance", True),
+        _real("separation_tolerance_max_deg", "°", "largest separation within the tolerance", True),
+        _real("uncertainty_deg", "°", "cross-validated error of a difference, RMSE·√2"),
+        _text("verdict", "resolved or not, and why"),
+        _flag("inside_training_domain", "whether the surrogate interpolates"),
+    ),
+    "design_trials": (
+        _text("request", "name of the design request"),
+        _count("trial", "number of the trial"),
+        *_GEOMETRY,
+        _real("separation_deg", "°", "difference of the two predicted angles", True),
+        _flag("feasible", "whether the constraints hold"),
+        _text("reason", "what is violated"),
+    ),
+}
+
+
+def schema(kind: str) -> pa.Schema:
+    """Arrow schema of one kind of table, with unit and description on each field."""
+    if kind not in COLUMNS:
+        raise DldsimError(f"Unknown kind of table {kind!r}. Known: {', '.join(COLUMNS)}.")
+    return pa.schema(
+        pa.field(c.name, c.type, c.nullable, {"unit": c.unit, "description": c.description})
+        for c in COLUMNS[kind]
+    )
+
+
+def write_table(kind: str, data: Any, path: Path, provenance: Mapping[str, Any]) -> None:
+    """Write a table whole or not at all.
+
+    `data` is a dict of columns, a list of row dicts, or a pandas DataFrame (whose NaN is null).
+    `provenance` goes into the file's metadata beside the versions: `config_hash`, `seed`, …
+    Raises DldsimError naming the column for a missing, extra, mistyped or not finite one.
+    """
+    target = schema(kind)
+    columns = _as_columns(kind, data, target.names)
+    arrays = [_array(kind, field, columns[field.name]) for field in target]
+    lengths = {field.name: len(array) for field, array in zip(target, arrays, strict=True)}
+    if len(set(lengths.values())) > 1:
+        raise DldsimError(f"table {kind}: columns of unequal length: {lengths}.")
+    table = pa.table(arrays, schema=_stamped(kind, target, provenance))
+    with atomic_path(path) as part:
+        pq.write_table(table, part, compression="zstd")
+
+
+def concatenate(kind: str, sources: Iterable[Path], path: Path,
+                provenance: Mapping[str, Any]) -> None:
+    """Join tables of one kind into one, in order, one row group per non-empty source."""
+    target = _stamped(kind, schema(kind), provenance)
+    with atomic_path(path) as part, pq.ParquetWriter(part, target, compression="zstd") as writer:
+        for source in sources:
+            table = read_columns(kind, source)
+            if table.num_rows:
+                writer.write_table(table.replace_schema_metadata(target.metadata))
+
+
+def read_columns(kind: str, path: Path) -> pa.Table:
+    """A checked table as Arrow columns.
+
+    Raises DldsimError if the file is absent, truncated, foreign, of another kind or another
+    physics version.
+    """
+    metadata = _provenance(path)
+    if metadata["kind"] != kind:
+        raise DldsimError(f"{path} holds a table of kind {metadata['kind']}, not {kind}.")
+    if metadata["physics_version"] != PHYSICS_VERSION:
+        raise DldsimError(
+            f"{path} was made by physics version {metadata['physics_version']} (dldsim "
+            f"{metadata['dldsim_version']}); this is version {PHYSICS_VERSION} (dldsim "
+            f"{__version__}), whose trajectories differ. Delete results/, or make everything anew "
+            "with `snakemake -j2 all --forceall`."
+        )
+    try:
+        table = pq.ParquetFile(path).read()
+    except (pa.ArrowException, OSError) as error:
+        raise DldsimError(_damaged(path)) from error
+    if not table.schema.equals(schema(kind)):
+        differing = set(table.schema.names) ^ set(schema(kind).names)
+        raise DldsimError(
+            f"{path} has other columns than a table of kind {kind} in dldsim {__version__} "
+            f"({', '.join(sorted(differing)) or 'types or order differ'}); it was made by dldsim "
+            f"{metadata['dldsim_version']}. Delete it and run `snakemake -j2 all`."
+        )
+    return table
+
+
+def read_table(kind: str, path: Path):
+    """A checked table as a pandas DataFrame; see `read_columns`."""
+    return read_columns(kind, path).to_pandas()
+
+
+def read_many(kind: str, paths: Iterable[Path]):
+    """Checked tables of one kind, one below the other, as a pandas DataFrame."""
+    return pa.concat_tables([schema(kind).empty_table(), *(read_columns(kind, p) for p in paths)],
+                            promote_options="default").to_pandas()
+
+
+def read_rows(kind: str, path: Path) -> list[dict]:
+    """A checked table as a list of row dicts; see `read_columns`."""
+    return read_columns(kind, path).to_pylist()
+
+
+def write_csv(kind: str, path: Path) -> Path:
+    """Write a table's CSV twin beside it, lists as JSON; returns its path."""
+    table = read_columns(kind, path)
+    for i, field in enumerate(table.schema):
+        if pa.types.is_list(field.type):
+            texts = [None if v is None else json.dumps(v) for v in table[i].to_pylist()]
+            table = table.set_column(i, field.name, pa.array(texts, _TEXT))
+    csv = Path(path).with_suffix(".csv")
+    with atomic_path(csv) as part:
+        pyarrow.csv.write_csv(table, part)
+    return csv
+
+
+def describe(path: Path) -> dict:
+    """Kind, provenance, rows and columns (name, type, unit, description) of any dldsim table."""
+    metadata = _provenance(path)
+    file = pq.ParquetFile(path)
+    columns = [
+        {
+            "name": field.name,
+            "type": str(field.type),
+            "nullable": field.nullable,
+            "unit": (field.metadata or {}).get(b"unit", b"").decode(),
+            "description": (field.metadata or {}).get(b"description", b"").decode(),
+        }
+        for field in file.schema_arrow
+    ]
+    kind = metadata.pop("kind")
+    return {"file": str(path), "kind": kind, "rows": file.metadata.num_rows, "columns": columns,
+            "provenance": metadata}
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """A part file beside `path` that becomes `path` on success and vanishes on failure."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        with part.open("rb+") as file:
+            os.fsync(file.fileno())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _stamped(kind: str, target: pa.Schema, provenance: Mapping[str, Any]) -> pa.Schema:
+    record = {"kind": kind, "dldsim_version": __version__, "physics_version": PHYSICS_VERSION}
+    text = json.dumps(record | dict(provenance), ensure_ascii=False, sort_keys=True)
+    return target.with_metadata({METADATA_KEY: text.encode()})
+
+
+def _damaged(path: Path) -> str:
+    return (
+        f"{path} is not a readable Parquet file: truncated, or of another format. Delete it and "
+        "run `snakemake -j2 all`, which makes it anew."
+    )
+
+
+def _provenance(path: Path) -> dict:
+    try:
+        metadata = pq.ParquetFile(path).schema_arrow.metadata or {}
+    except FileNotFoundError as error:
+        raise DldsimError(f"{path} does not exist. Check the path, or make it with "
+                          "`snakemake -j2 all`.") from error
+    except (pa.ArrowException, OSError) as error:
+        raise DldsimError(_damaged(path)) from error
+    if METADATA_KEY not in metadata:
+        raise DldsimError(f"{path} was not written by dldsim: it carries no dldsim metadata. "
+                          "Move it out of the results folder, or check the path.")
+    return json.loads(metadata[METADATA_KEY])
+
+
+def _as_columns(kind: str, data: Any, names: Sequence[str]) -> dict[str, Any]:
+    if isinstance(data, list):
+        given = dict.fromkeys(name for row in data for name in row) if data else names
+        columns = {name: [row.get(name) for row in data] for name in given}
+        absent = {name for row in data for name in names if name not in row}
+    elif isinstance(data, Mapping):
+        columns, absent = dict(data), set()
+    else:  # DataFrame
+        columns, absent = {name: data[name] for name in data.columns}, set()
+    absent |= set(names) - set(columns)
+    extra = [str(name) for name in columns if name not in names]
+    if absent or extra:
+        parts = [f"missing {', '.join(n for n in names if n in absent)}" if absent else "",
+                 f"unknown {', '.join(extra)}" if extra else ""]
+        raise DldsimError(f"table {kind}: columns {' and '.join(filter(None, parts))}.")
+    return columns
+
+
+def _array(kind: str, field: pa.Field, values: Any) -> pa.Array:
+    """One checked Arrow column."""
+    where = f"table {kind}, column {field.name}"
+    is_series = hasattr(values, "to_numpy")
+    try:
+        array = pa.array(values, from_pandas=is_series)
+        if isinstance(array, pa.ChunkedArray):
+            array = array.combine_chunks()
+        array = array.cast(field.type)
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise DldsimError(f"{where}: cannot be held as {field.type}: {error}") from error
+    flat = array.flatten() if pa.types.is_list(field.type) else array
+    if pa.types.is_floating(flat.type):
+        bad = pc.indices_nonzero(pc.fill_null(pc.invert(pc.is_finite(flat)), False))
+        if len(bad):
+            row = bad[0].as_py()
+            if flat is not array:
+                row = pc.list_parent_indices(array)[row].as_py()
+            value = array[row].as_py()
+            value = value if isinstance(value, list) or math.isnan(value) else f"{value}"
+            raise DldsimError(f"{where}, row {row}: {value} is not finite. Use null for a value "
+                              "that was not measured.")
+    nulls = array.null_count if not field.nullable else 0
+    nulls += flat.null_count if flat is not array else 0
+    if nulls:
+        row = np.flatnonzero(array.is_null().to_numpy(zero_copy_only=False))
+        raise DldsimError(f"{where}{f', row {row[0]}' if row.size else ''}: null in a column that "
+                          "must have a value.")
+    return array

@@ -1,0 +1,119 @@
+"""Identifiers are their own inverse; the campaign lists what the sweep says."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dldsim import campaign
+from dldsim.config import Geometry, read_config
+from dldsim.errors import DldsimError
+
+CONFIG = Path(__file__).parents[1] / "config.yaml"
+
+lengths = st.integers(1, 999_999).map(lambda n: n / 1000)
+geometries = st.builds(
+    Geometry, pillar_radius_um=lengths, gap_um=lengths, periodicity=st.integers(2, 100)
+)
+names = st.from_regex(r"[A-Za-z0-9-]+", fullmatch=True)
+
+
+@given(geometries, names)
+def test_run_id_is_its_own_inverse(geometry, name):
+    run = campaign.Run(geometry, name)
+    assert campaign.parse_run(campaign.run_id(run)) == run
+    assert campaign.parse_geometry(campaign.geometry_id(geometry)) == geometry
+
+
+@given(names, st.integers(0, 99))
+def test_constriction_id_is_its_own_inverse(group, position):
+    text = campaign.constriction_id(group, position)
+    assert campaign.parse_constriction(text) == (group, position)
+
+
+def test_run_id_looks_as_documented():
+    run = campaign.Run(Geometry(pillar_radius_um=6, gap_um=18, periodicity=8), "3")
+    assert campaign.run_id(run) == "r06.0_g18.0_n08_s3"
+
+
+@given(st.lists(st.integers(1, 999).map(lambda n: n / 10), min_size=2, max_size=9))
+def test_ids_sort_like_numbers(radii):
+    def text(radius):
+        return campaign.geometry_id(Geometry(pillar_radius_um=radius, gap_um=20, periodicity=4))
+
+    assert [text(r) for r in sorted(radii)] == sorted(text(r) for r in radii)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "r6.0_g18.0_n08_s3", "r06.00_g18.0_n08_s3", "r06.0_g18.0_n08", "r06.0_g18.0_n08_s"]
+)
+def test_other_texts_are_no_run_ids(text):
+    with pytest.raises(DldsimError, match="identifier"):
+        campaign.parse_run(text)
+
+
+def test_id_refuses_what_it_cannot_carry():
+    with pytest.raises(DldsimError, match="three decimals"):
+        campaign.geometry_id(Geometry(pillar_radius_um=6.0001, gap_um=18, periodicity=8))
+    geometry = Geometry(pillar_radius_um=6, gap_um=18, periodicity=8)
+    with pytest.raises(DldsimError, match="letters, digits"):
+        campaign.run_id(campaign.Run(geometry, "a/b"))
+
+
+@pytest.mark.parametrize(("preset", "count"), [("quick", 81), ("paper", 180), ("full", 1050)])
+def test_presets_have_the_promised_runs(preset, count):
+    config = read_config(CONFIG, {"preset": preset})
+    runs = campaign.runs(config)
+    assert len(runs) == count == len({campaign.run_id(run) for run in runs})
+    assert all(
+        run.geometry.gap_um > run.geometry.pillar_radius_um + config.sweep.safety_distance_um
+        for run in runs
+    )
+
+
+def test_paper_ties_gap_to_radius():
+    config = read_config(CONFIG, {"preset": "paper"})
+    assert all(g.gap_um == g.pillar_radius_um + 10 for g in campaign.geometries(config))
+    assert len(campaign.geometries(config)) == 36
+
+
+def test_constrictions_count_groups_and_positions():
+    config = read_config(CONFIG, {"constriction": {"release_positions_um": [0, 5]}})
+    assert len(campaign.constrictions(config)) == 14
+
+
+def test_seeds_differ_by_name_and_repeat():
+    seeds = {campaign.derive_seed(seed, name) for seed in range(4) for name in "abc"}
+    assert len(seeds) == 12
+    assert campaign.derive_seed(1, "a") == campaign.derive_seed(1, "a") < 2**31
+
+
+def test_settings_hash_ignores_order_only():
+    assert campaign.settings_hash({"a": 1, "b": 2}) == campaign.settings_hash({"b": 2, "a": 1})
+    assert campaign.settings_hash({"a": 1}) != campaign.settings_hash({"a": 2})
+
+
+def test_crashes_are_counted(tmp_path):
+    assert campaign.count_crashes(tmp_path, "run") == 0
+    for count in (1, 2):
+        campaign.record_crash(tmp_path, "run", "out of memory\nsecond line")
+        assert campaign.count_crashes(tmp_path, "run") == count
+
+
+def test_stamp_of_other_physics_is_refused(tmp_path):
+    campaign.check_stamp(tmp_path)
+    stamp = tmp_path / campaign.STAMP
+    stamp.write_text('{"dldsim_version": "0.0.1", "physics_version": -1}')
+    with pytest.raises(DldsimError, match="--forceall"):
+        campaign.check_stamp(tmp_path)
+    stamp.write_text("{")
+    with pytest.raises(DldsimError, match="damaged"):
+        campaign.check_stamp(tmp_path)
+
+
+def test_closing_sentence_names_broken_runs(tmp_path):
+    (tmp_path / "runs.csv").write_text(
+        "run_id,status,stop_reason\na,converged,\nb,failed,no memory\n"
+    )
+    assert "b (failed: no memory)" in campaign.closing_sentence(tmp_path)

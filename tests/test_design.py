@@ -1,0 +1,173 @@
+"""Laws of the search: known optimum, constraints, ranking, tolerance, verdict."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from test_surrogate import make_runs
+
+from dldsim import surrogate
+from dldsim.config import DesignRequest
+from dldsim.design import search, squeezed_width_um, violations
+from dldsim.errors import DldsimError
+
+
+class Known:
+    """A surrogate with the interface of the real one and a formula for an angle [deg]."""
+
+    deformation_index_range = (0.3, 0.9)
+
+    def __init__(self, angle, rmse=0.1, outside=lambda r, g, n: 0.0):
+        self.angle, self.rmse_deg, self.outside = angle, rmse, outside
+
+    def predict(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
+        values = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(v, float)) for v in (
+                pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)))
+        return np.asarray(self.angle(*values), float)
+
+    def distance_outside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um):
+        return self.outside(pillar_radius_um, gap_um, periodicity)
+
+
+def hill(r, g, n, d, cell):
+    """One smooth summit of the separation at P_r 7, P_g 17, N_p 8."""
+    return 10 * d * np.exp(-((r - 7) ** 2) / 4 - (g - 17) ** 2 / 9 - (n - 8) ** 2 / 8)
+
+
+def ask(**changes):
+    return DesignRequest(**{
+        "name": "test", "deformation_index_1": 0.5, "deformation_index_2": 0.8,
+        "pillar_radius_um": (5, 10), "gap_um": (14, 22), "periodicity": (4, 12), "trials": 80,
+    } | changes)
+
+
+def test_search_finds_what_the_grid_finds():
+    designs, trials = search(Known(hill), ask(), 2.0, seed=1)
+    grid = product(np.linspace(5, 10, 11), np.linspace(14, 22, 9), range(4, 13))
+    best = max(0.3 * hill(r, g, n, 1.0, 7.5) for r, g, n in grid)
+    first = designs.iloc[0]
+    assert first["separation_deg"] > 0.97 * best
+    assert first["periodicity"] == 8
+    assert len(trials) == 80
+    assert trials["separation_deg"].max() == pytest.approx(first["separation_deg"])
+
+
+def test_same_seed_same_designs():
+    a, b = (search(Known(hill), ask(trials=40), 2.0, seed=7)[0] for _ in range(2))
+    assert a.equals(b)
+
+
+def test_infeasible_geometry_is_never_ranked():
+    """The separation grows towards the forbidden corner."""
+    tempting = Known(lambda r, g, n, d, cell: d * (r - g + 30))
+    designs, trials = search(tempting, ask(gap_um=(8, 22)), 5.0, seed=2)
+    assert (designs["gap_um"] > designs["pillar_radius_um"] + 5).all()
+    assert (designs["gap_um"] >= squeezed_width_um(7.5, 0.5)).all()
+    bad = trials[~trials["feasible"]]
+    assert len(bad) > 5 and bad["separation_deg"].isna().all() and (bad["reason"] != "").all()
+    assert (trials.loc[trials["feasible"], "reason"] == "").all()
+    assert designs["gap_um"].iloc[0] - designs["pillar_radius_um"].iloc[0] < 5.5
+
+
+def test_gap_must_pass_the_larger_cell():
+    assert squeezed_width_um(7.5, 0.0) == 15
+    assert squeezed_width_um(7.5, 0.6) == pytest.approx(7.5)
+    request = ask(radius_2_um=20)
+    widths = violations(request, 2.0, 5.0, 13.0)
+    assert widths["gap must pass the squeezed cells"] == pytest.approx(40 / 3 - 13)
+    assert violations(request, 2.0, 5.0, 7.0)["gap must exceed pillar radius + safety distance"] > 0
+
+
+def test_ranks_are_ordered_and_candidates_distinct():
+    designs, _ = search(Known(hill), ask(candidates=6, tolerance_um=0.8), 2.0, seed=3)
+    assert designs["rank"].tolist() == list(range(1, len(designs) + 1))
+    assert (np.diff(designs["separation_deg"]) <= 0).all()
+    for (_, a), (_, b) in product(designs.iterrows(), repeat=2):
+        if a["rank"] < b["rank"] and a["periodicity"] == b["periodicity"]:
+            apart = abs(a[["pillar_radius_um", "gap_um"]] - b[["pillar_radius_um", "gap_um"]])
+            assert apart.max() > 0.8
+    difference = (designs["angle_2_deg"] - designs["angle_1_deg"]).abs()
+    assert np.allclose(difference, designs["separation_deg"])
+
+
+def test_tolerance_of_a_plane_by_hand():
+    """Separation 0.3 (r + 2 g): ± 0.5 µm on both is ± 0.45°."""
+    plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g))
+    row = search(plane, ask(trials=20), 2.0, seed=1)[0].iloc[0]
+    assert row["separation_tolerance_min_deg"] == pytest.approx(row["separation_deg"] - 0.45)
+    assert row["separation_tolerance_max_deg"] == pytest.approx(row["separation_deg"] + 0.45)
+    assert row["uncertainty_deg"] == pytest.approx(0.1 * 2**0.5)
+
+
+def test_reversed_order_within_the_tolerance_is_negative():
+    row = search(Known(lambda r, g, n, d, cell: d * (r - 7)),
+                 ask(trials=20, pillar_radius_um=(7.0, 7.3)), 2.0, seed=1)[0].iloc[0]
+    assert row["separation_tolerance_min_deg"] < 0 < row["separation_deg"]
+
+
+@pytest.mark.parametrize(
+    "rmse, outside, words",
+    [
+        (0.1, 0.0, ["resolved"]),
+        (20.0, 0.0, ["not resolved", "uncertainty"]),
+        (0.1, 0.3, ["resolved", "extrapolated"]),
+    ],
+)
+def test_verdict_is_honest(rmse, outside, words):
+    plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g), rmse, lambda r, g, n: outside)
+    row = search(plane, ask(trials=20), 2.0, seed=1)[0].iloc[0]
+    assert all(word in row["verdict"] for word in words)
+    assert row["inside_training_domain"] == (outside == 0)
+
+
+def test_sharp_optimum_is_called_not_robust():
+    spike = Known(lambda r, g, n, d, cell: 10 * d * (abs(r - 7) < 0.2))
+    row = search(spike, ask(), 2.0, seed=1)[0].iloc[0]
+    assert row["separation_deg"] == pytest.approx(3) and row["verdict"].startswith("not robust")
+
+
+def test_designs_inside_the_training_domain_come_first():
+    """The separation grows outwards, but nothing is known beyond a gap of 18 µm."""
+    tempting = Known(lambda r, g, n, d, cell: d * g, outside=lambda r, g, n: max(0.0, g - 18) / 8)
+    designs, _ = search(tempting, ask(), 2.0, seed=1)
+    inside = designs["inside_training_domain"].tolist()
+    assert inside[0] and inside == sorted(inside, reverse=True)
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"deformation_index_1": 0.2}, ["deformation_index_1", "0.2", "0.3 to 0.9"]),
+        ({"deformation_index_2": 0.95}, ["deformation_index_2", "0.3 to 0.9"]),
+        ({"deformation_index_2": 0.5}, ["both cell types", "Change"]),
+        ({"gap_um": (4, 6)}, ["no geometry", "safety", "gap_um"]),
+        ({"radius_1_um": 30.0}, ["no geometry", "squeezed"]),
+    ],
+)
+def test_impossible_requests_are_refused(changes, words):
+    with pytest.raises(DldsimError) as error:
+        search(Known(hill), ask(**changes), 2.0, seed=1)
+    assert all(word in str(error.value) for word in words)
+
+
+def test_unlucky_search_is_an_error_not_a_guess():
+    with pytest.raises(DldsimError, match="none of 3 trials"):
+        search(Known(hill), ask(gap_um=(5, 9), trials=3), 3.99, seed=1)
+
+
+def test_real_surrogate_separates_soft_from_stiff():
+    """Cells of equal radius and of equal deformation index: both kinds of request."""
+    fitted = surrogate.fit(make_runs(), seed=1)
+    soft = ask(deformation_index_1=0.5, deformation_index_2=0.78, periodicity=(4, 10), trials=40)
+    row = search(fitted, soft, 2.0, seed=1)[0].iloc[0]
+    assert row["inside_training_domain"] and row["angle_1_deg"] > row["angle_2_deg"]
+    sizes = ask(deformation_index_2=0.5, radius_1_um=6, radius_2_um=9, periodicity=(4, 10),
+                trials=40)
+    row = search(fitted, sizes, 2.0, seed=1)[0].iloc[0]
+    assert row["angle_2_deg"] > row["angle_1_deg"]
+    # the same request with every length halved is the same device
+    half = ask(deformation_index_2=0.5, radius_1_um=3, radius_2_um=4.5, periodicity=(4, 10),
+               trials=40, pillar_radius_um=(2.5, 5), gap_um=(7, 11))
+    assert search(fitted, half, 1.0, seed=1)[0].iloc[0]["separation_deg"] == pytest.approx(
+        row["separation_deg"], rel=0.05)

@@ -1,0 +1,531 @@
+"""The report against a small made-up campaign: numbers, labels, escapes, links, missing tables."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dldsim import figures, report
+from dldsim.errors import DldsimError
+from dldsim.tables import COLUMNS, write_csv, write_table
+
+PROVENANCE = {"config_hash": "0123abcd", "seed": 7}
+SETS = {  # k_s, k_b, k_α, DI
+    "1": (5.1, 4.3e-2, 10.2, 0.51), "3": (15.24, 0.25, 30.0, 0.77), "5": (20.3, 0.35, 40.6, 0.78)
+}  # fmt: skip
+GROUPS = ("G1", "G2", "G3", "G4", "G5", "G6", "G7")
+NASTY = "density 3.1 <b>& more</b>"
+CONFIG = {
+    "preset": "tiny", "seed": 7, "cell": {"shape": "biconcave", "radius_um": 7.5},
+    "run_control": {"max_rows": 12}, "constriction": {"width_um": 30.0},
+}
+
+
+def lateral_steps(mode: str, periodicity: int, rows: int, pitch: float) -> np.ndarray:
+    """Per-row steps [µm]: a transient, then bump, zigzag (sum 0 per period) or half of each."""
+    shift = pitch / periodicity
+    ramp = 1 - 0.5 * np.exp(-np.arange(rows) / 3)
+    if mode == "bump":
+        return shift * ramp
+    drop = {"zigzag": 1.0, "mixed": 0.5}[mode]
+    steps = np.full(rows, shift * (1 - drop / periodicity))
+    steps[periodicity - 1 :: periodicity] -= drop * (pitch - shift)
+    return steps * np.where(np.arange(rows) < 2, 0.7, 1.0)
+
+
+def make_run(radius, gap, periodicity, name, rng, status=None) -> tuple[dict, dict]:
+    """One row of `runs` and its trajectory columns; the mode follows D_c."""
+    pitch = 2 * radius + gap
+    ks, kb, kal, di = SETS[name]
+    size = 10.8 * (1.05 - 0.3 * (0.8 - di)) / (1.4 * gap * periodicity**-0.48)
+    mode = "bump" if size > 1.05 else "zigzag" if size < 0.95 else "mixed"
+    broken = status in ("stuck", "unstable", "failed")
+    mode = "none" if broken else mode
+    status = status or {"bump": "converged", "zigzag": "periodic", "mixed": "period_limit"}[mode]
+    rows = {"stuck": 4, "unstable": 1, "failed": 0}.get(status, 2 * periodicity)
+    steps = lateral_steps("bump" if broken else mode, periodicity, rows, pitch)
+    bump_angle = np.degrees(np.arctan(1 / periodicity))
+    tail, first = steps[-periodicity:].sum(), steps[:periodicity].sum()
+    angles = [np.degrees(np.arctan(s / (pitch * periodicity))) for s in (tail, first)]
+    run_id = f"r{radius:04.1f}_g{gap:04.1f}_n{periodicity:02d}_s{name}"
+    failed = status == "failed"
+    row = {
+        "run_id": run_id, "pillar_radius_um": radius, "gap_um": gap, "pitch_um": pitch,
+        "periodicity": periodicity, "row_shift_fraction": 1 / periodicity, "stiffness_set": name,
+        "cell_shape": "biconcave", "cell_radius_um": 7.5, "height_um": 20.0, "ks_uN_per_m": ks,
+        "kb_pN_um": kb, "kal_uN_per_m": kal, "kag_uN_per_m": 500.0, "kv_Pa": 900.0,
+        "kvisc_nN_s_per_m": 1.5, "mean_velocity_mm_s": 1.0, "deformation_index": di,
+        "deformation_index_std": 0.03, "status": status,
+        "stop_reason": NASTY if broken else "the orbit repeats", "mode": mode,
+        "migration_angle_deg": None if broken else angles[0],
+        "first_period_angle_deg": None if broken else angles[1],
+        "sigma_num_deg": None if broken or status == "period_limit" else 0.1,
+        "bump_angle_deg": bump_angle, "rows_completed": rows,
+        "orbit_rows": {"converged": 1, "periodic": periodicity}.get(status, 0),
+        "lateral_steps_um": list(steps), "steps": 1300 * rows, "nodes": 30_000, "vertices": 642,
+        "spacing_um": 1.25, "rows_in_domain": 1, "lanes_in_domain": 1, "time_step_us": 0.26,
+        "relaxation_time": 1.5, "wall_time_s": 0.7 * rows + rng.uniform(0, 1),
+        "ms_per_step": None if failed else 0.55 + rng.uniform(0, 0.1),
+        "mlups": None if failed else 52.0, "capillary_number": 1.5 / ks,
+        "reynolds_number": 0.3, "mach_max": 0.06, "confinement": 15 / gap,
+        "lateral_flux_ratio": 3e-5, "volume_drift_max": None if failed else rng.uniform(1e-4, 4e-3),
+        "area_drift_max": None if failed else rng.uniform(1e-3, 1e-2),
+        "min_clearance_um": None if failed else 0.8, "mean_deformation_index": 0.3,
+        "left_out": "solid columns; outer viscosity field", "numerics": "{}",
+    }
+    count = 30 * rows + 1
+    along = np.linspace(0, rows, count)
+    y = np.interp(along, np.arange(rows + 1), np.concatenate([[0], np.cumsum(steps)]))
+    index = 0.3 + 0.1 * np.sin(2 * np.pi * along) ** 2
+    ones = np.ones(count)
+    track = {c.name: np.zeros(count) for c in COLUMNS["trajectory"]} | {
+        "run_id": [run_id] * count, "step": np.arange(count), "t_ms": along,
+        "x_um": (along + 0.4) * pitch, "y_um": pitch / 2 + y, "z_um": 10 * ones,
+        "deformation_index": index, "axis_a_um": 15 * (1 + index), "axis_b_um": 15 * (1 - index),
+        "volume_ratio": ones, "area_ratio": ones, "clearance_um": ones, "vx_mm_s": ones,
+    }
+    return row, track
+
+
+def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodicities=(5, 10)) -> dict:
+    """All tables of a small campaign with every status; returns the tables by kind."""
+    rng = np.random.default_rng(1)
+    arrays = [(r, g, n) for r in radii for g in gaps for n in periodicities]
+    ends = {(arrays[0], "1"): "stuck", (arrays[0], "3"): "unstable", (arrays[1], "1"): "failed"}
+    made = [make_run(*a, s, rng, ends.get((a, s))) for a in arrays for s in SETS]
+    runs = [row for row, _ in made]
+    tables = {"runs": pd.DataFrame(runs), "trajectory": pd.concat(
+        [pd.DataFrame(track) for row, track in made if row["status"] != "failed"])}
+    tables["flows"] = pd.DataFrame([
+        dict.fromkeys((c.name for c in COLUMNS["flows"]), 0.01) | {
+            "pillar_radius_um": r, "gap_um": g, "periodicity": n, "pitch_um": 2 * r + g,
+            "drive": "no-lateral-flux", "status": "steady", "stop_reason": "steady",
+            "permeability_over_pitch2": 0.05 * (g / (2 * r + g)) ** 3, "tilt_deg": 20 / n * r / 10,
+            "lateral_flux_ratio": 2e-5, "nodes": 30_000, "steps": 2000,
+        } for r, g, n in arrays
+    ])  # fmt: skip
+    moduli = {g: (5 + 2.5 * i, 0.04 + 0.05 * i, 10 + 5 * i) for i, g in enumerate(GROUPS)}
+    set_of = {"G1": "1", "G2": "2", "G5": "3", "G6": "4", "G7": "5"}
+    constriction, paths = [], []
+    for i, group in enumerate(GROUPS):
+        for j in range(3):
+            ks, kb, kal = moduli[group]
+            index = 0.5 + 0.04 * i + 0.02 * j
+            lost = (group, j) == ("G4", 2)
+            row = dict.fromkeys((c.name for c in COLUMNS["constriction_runs"]), 0.1) | {
+                "run_id": f"{group}_{j}", "group": group, "stiffness_set": set_of.get(group, ""),
+                "ks_uN_per_m": ks, "kb_pN_um": kb, "kal_uN_per_m": kal,
+                "velocity_mm_s": 1.095 + 0.33 * i, "design": "group-velocity",
+                "release_position_um": 3.0 * j, "status": "stuck" if lost else "passed",
+                "stop_reason": "clogged the throat" if lost else "left the channel",
+                "deformation_index": None if lost else index, "steps": 9000,
+            }  # fmt: skip
+            constriction.append(row)
+            x = np.linspace(8 + 3 * j, 110, 120)
+            squeeze = index * np.exp(-(((x - 60) / 18) ** 4))
+            paths.append(pd.DataFrame({c.name: np.ones(120) for c in COLUMNS[
+                "constriction_trajectory"]} | {
+                "run_id": [row["run_id"]] * 120, "step": np.arange(120), "x_um": x,
+                "diameter_d_um": 15 * (1 + squeeze), "diameter_h_um": 15 * (1 - squeeze),
+                "deformation_index": squeeze,
+            }))  # fmt: skip
+    tables["constriction_runs"] = pd.DataFrame(constriction)
+    groups = tables["constriction_runs"].groupby("group")
+    keep = ["stiffness_set", "ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "velocity_mm_s"]
+    index = groups["deformation_index"]
+    tables["calibration"] = groups[keep].first().assign(
+        runs=index.count(), deformation_index=index.mean(), deformation_index_std=index.std(),
+        deformation_index_min=index.min(), deformation_index_max=index.max(),
+        coefficient_of_variation=index.std() / index.mean(),
+    ).reset_index()  # fmt: skip
+    names = ["deformation_index", "ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "velocity_mm_s"]
+    matrix = tables["constriction_runs"][names].corr()
+    tables["calibration_correlations"] = pd.DataFrame(
+        [{"variable_a": a, "variable_b": b, "pearson_r": matrix.loc[a, b], "n": 20}
+         for i, a in enumerate(names) for b in names[i + 1 :]]
+    )
+    factors = ["pillar_radius_um", "gap_um", "periodicity", "deformation_index"]
+    terms = [*factors, *(f"deformation_index:{name}" for name in factors[:3])]
+    tables["anova"] = pd.DataFrame(
+        [{"model": model, "term": term, "sum_sq": 40.0 / (i + 1), "df": 1.0 + i % 3,
+          "f_value": 60.0 / (i + 1) ** 2, "p_value": 10.0 ** (i - 7) / 2,
+          "partial_eta_sq": 0.9 / (i + 1), "note": ""}
+         for model, part in (("hierarchical", terms), ("main_effects", terms[:4]),
+                             ("seed_interactions", terms[4:])) for i, term in enumerate(part)]
+        + [{"model": "main_effects", "term": "residual", "sum_sq": 11.0, "df": 14.0,
+            "f_value": None, "p_value": None, "partial_eta_sq": None, "note": "lack of fit"},
+           {"model": "hierarchical", "term": "rows", "sum_sq": None, "df": None, "f_value": None,
+            "p_value": None, "partial_eta_sq": None, "note": "3 of 24 rows left out"}]
+    )
+    mean = tables["runs"].groupby(["pillar_radius_um", "gap_um", "periodicity"])[
+        "migration_angle_deg"].mean().reset_index()  # fmt: skip
+    tables["robustness"] = mean.rename(
+        columns={"migration_angle_deg": "mean_migration_angle_deg"}
+    ).assign(stability_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)), neighbours=3,
+             robust=lambda t: np.arange(len(t)) == 1, modes="bump 2, zigzag 1")  # fmt: skip
+    learnt = figures.measured(tables["runs"])
+    errors = {"XGBoost": 0.3, "Random forest": 0.5, "Linear": 1.6}
+    benchmark, predictions = [], []
+    for model, error in errors.items():
+        for split, factor in (("random", 1), ("geometry", 3)):
+            for fold in range(3):
+                test = learnt.iloc[fold::3]
+                guess = test["migration_angle_deg"] + rng.normal(0, error * factor, len(test))
+                off = guess - test["migration_angle_deg"]
+                benchmark.append({
+                    "model": model, "split": split, "fold": fold, "n_train": 14,
+                    "n_test": len(test), "mse_deg2": (off**2).mean(),
+                    "rmse_deg": (off**2).mean() ** 0.5, "mae_deg": off.abs().mean(), "r2": None,
+                    "fit_time_s": 0.02, "predict_time_s": 0.001,
+                })  # fmt: skip
+                predictions += [
+                    {"run_id": r["run_id"], "model": model, "split": split, "fold": fold,
+                     "observed_deg": r["migration_angle_deg"], "predicted_deg": p,
+                     "converged": r["status"] != "period_limit"}
+                    for (_, r), p in zip(test.iterrows(), guess, strict=True)
+                ]
+    tables["benchmark"] = pd.DataFrame(benchmark)
+    tables["predictions"] = pd.DataFrame(predictions)
+    tables["designs"] = pd.DataFrame([
+        {"request": "soft <from> stiff", "rank": i + 1, "pillar_radius_um": 6.0 + i,
+         "gap_um": 14.3 + i, "periodicity": 8, "separation_deg": 4.0 - 0.8 * i,
+         "angle_1_deg": 1.0, "angle_2_deg": 5.0 - 0.8 * i,
+         "separation_tolerance_min_deg": 2.5 - 0.7 * i,
+         "separation_tolerance_max_deg": 4.4 - 0.8 * i, "uncertainty_deg": 1.7,
+         "verdict": "resolved" if i < 3 else "not resolved: separation below uncertainty",
+         "inside_training_domain": i != 1} for i in range(4)
+    ])  # fmt: skip
+    feasible = np.arange(60) % 5 != 0
+    tables["design_trials"] = pd.DataFrame({
+        "request": "soft <from> stiff", "trial": np.arange(60), "pillar_radius_um": 6.0,
+        "gap_um": 15.0, "periodicity": 8, "feasible": feasible,
+        "separation_deg": [
+            4 * (1 - np.exp(-i / 15)) * rng.uniform(0.3, 1) if ok else None
+            for i, ok in enumerate(feasible)],
+        "reason": np.where(feasible, "", "gap below P_r + 2 µm"),
+    })  # fmt: skip
+    for kind, table in tables.items():
+        path = folder / report.TABLES[kind][0]
+        write_table(kind, table, path, PROVENANCE)
+        if kind != "trajectory":
+            write_csv(kind, path)
+    for track in paths:
+        name = f"{track['run_id'].iloc[0]}.trajectory.parquet"
+        write_table("constriction_trajectory", track, folder / "constriction" / name, PROVENANCE)
+    return tables
+
+
+class Page(HTMLParser):
+    """Links, image sources, tables (rows of cell texts) and the text of a report."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.links, self.sources, self.tags, self.rows, self.words = [], [], set(), [], []
+        self.in_cell = False
+        self.path, self.raw = path, path.read_text(encoding="utf-8")
+        self.feed(self.raw)
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.tags.add(tag)
+        if "href" in attrs:
+            self.links.append(attrs["href"])
+        if "src" in attrs:
+            self.sources.append(attrs["src"])
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+            self.in_cell = True
+
+    def handle_endtag(self, tag):
+        self.in_cell = self.in_cell and tag not in ("td", "th")
+
+    def handle_data(self, data):
+        if self.lasttag != "style":
+            self.words.append(data)
+        if self.in_cell:
+            self.rows[-1][-1] += data
+
+    def row(self, first: str) -> list[str]:
+        """The first table row that begins with this cell."""
+        return next([cell.strip() for cell in row] for row in self.rows if row[0] == first)
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign") / "results"
+    tables = make_results(folder)
+    report.make_report(folder, folder / "report.html", CONFIG)
+    return tables, Page(folder / "report.html")
+
+
+def test_status_table_counts_the_runs(campaign):
+    tables, page = campaign
+    runs = tables["runs"]
+    statuses = runs["status"].value_counts()
+    assert set(statuses.index) == set(report.STATUS_MEANING)  # the made-up campaign has them all
+    head = page.row("status")
+    for status, count in statuses.items():
+        row = dict(zip(head, page.row(status), strict=True))
+        assert row["all"] == str(count)
+        of_status = runs[runs["status"] == status]["mode"]
+        for mode in ("bump", "mixed", "zigzag"):
+            assert row[mode] == str((of_status == mode).sum())
+
+
+def test_runs_that_are_not_converged_are_labelled(campaign):
+    tables, page = campaign
+    runs = tables["runs"]
+    for run_id in runs.loc[runs["status"] == "period_limit", "run_id"]:
+        assert page.row(run_id)[1] == "not converged"
+    for run_id in runs.loc[runs["status"] == "converged", "run_id"]:
+        assert page.row(run_id)[1] == "converged"
+
+
+def test_broken_runs_are_listed_with_their_reason(campaign):
+    tables, page = campaign
+    runs = tables["runs"]
+    broken = runs[runs["mode"] == "none"]
+    assert len(broken) == 3
+    for _, run in broken.iterrows():
+        row = page.row(run["run_id"])
+        assert row[1] == run["status"] and row[-1] == NASTY
+
+
+def test_text_from_tables_is_escaped(campaign):
+    _, page = campaign
+    assert "density 3.1 &lt;b&gt;&amp; more&lt;/b&gt;" in page.raw
+    assert "<b>& more" not in page.raw
+    assert "soft &lt;from&gt; stiff" in page.raw and "<from>" not in page.raw
+
+
+def test_page_shows_no_missing_number_as_such(campaign):
+    _, page = campaign
+    assert not re.search(r"\b(nan|null|inf)\b", page.text, re.I)
+    assert not {"", "none", "<na>", "nat"} & {c.strip().lower() for row in page.rows for c in row}
+
+
+def test_page_loads_nothing(campaign):
+    _, page = campaign
+    assert page.sources and all(source.startswith("data:image/") for source in page.sources)
+    assert not page.tags & {"link", "script", "iframe", "object"}
+    assert not re.search(r"url\(|@import|https?:", re.sub(r'src="data:[^"]*"', "", page.raw))
+    assert page.path.stat().st_size < 8e6
+
+
+def test_every_link_leads_somewhere(campaign):
+    _, page = campaign
+    inside = [link[1:] for link in page.links if link.startswith("#")]
+    files = [link for link in page.links if not link.startswith("#")]
+    assert len(inside) >= len(report.SECTIONS)
+    assert all(f'id="{anchor}"' in page.raw for anchor in inside)
+    assert all((page.path.parent / link).exists() for link in files)
+    linked = {link for link in files if link.endswith(".parquet")}
+    assert linked == {name for name, _ in report.TABLES.values()}
+
+
+def test_each_figure_is_saved_as_png_and_svg(campaign):
+    _, page = campaign
+    names = re.findall(r'<figure id="figure-(\w+)"', page.raw)
+    assert len(names) == len(set(names)) == 17
+    for name in names:
+        assert (page.path.parent / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+        assert b"<svg" in (page.path.parent / "figures" / f"{name}.svg").read_bytes()
+
+
+def test_benchmark_table_keeps_the_splits_apart(campaign):
+    tables, page = campaign
+    folds = tables["benchmark"]
+    of_model = folds[folds["model"] == "XGBoost"].groupby("split")["rmse_deg"]
+    row = page.row("XGBoost")
+    for cell, split in ((row[1], "random"), (row[4], "geometry")):
+        mean, spread = of_model.mean()[split], of_model.std()[split]
+        assert cell == f"{report.number(mean, 2)} ± {report.number(spread, 2)}"
+
+
+def test_design_table_shows_separation_with_uncertainty(campaign):
+    _, page = campaign
+    assert page.row("1")[-4:] == ["4.00 ± 1.70", "2.50 to 4.40", "yes", "resolved"]
+
+
+def test_report_of_broken_runs_alone_says_what_is_missing(tmp_path):
+    """No optional table and no angle: sentences and rules, no crash."""
+    rng = np.random.default_rng(0)
+    rows = [make_run(6.0, 18.0, 5, name, rng, "failed")[0] for name in SETS]
+    blank = {c.name: None for c in COLUMNS["runs"] if c.nullable}
+    write_table("runs", [row | blank for row in rows], tmp_path / "runs.parquet", PROVENANCE)
+    report.make_report(tmp_path, tmp_path / "page" / "report.html", {})
+    page = Page(tmp_path / "page" / "report.html")
+    assert "No run of this campaign has a migration angle" in page.text
+    for rule in ("trajectories", "flows", "constriction_runs", "anova", "robustness_map",
+                 "benchmark", "designs"):
+        assert f"Make it with snakemake -j2 {rule} ," in page.text
+    assert all((page.path.parent / link).exists() for link in page.links if link[0] != "#")
+
+
+def test_one_mode_alone_is_called_out(tmp_path):
+    rng = np.random.default_rng(0)
+    rows = [make_run(6.0, 12.0, n, name, rng)[0] for name in SETS for n in (8, 12)]
+    assert {row["mode"] for row in rows} == {"bump"}
+    write_table("runs", rows, tmp_path / "runs.parquet", PROVENANCE)
+    report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    text = Page(tmp_path / "report.html").text
+    assert "Every measured run has the same mode (bump)" in text
+
+
+def test_runs_are_required(tmp_path):
+    with pytest.raises(DldsimError, match=r"runs\.parquet does not exist.*snakemake -j2 runs"):
+        report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    write_table("runs", [], tmp_path / "runs.parquet", PROVENANCE)
+    with pytest.raises(DldsimError, match="has no row"):
+        report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    (tmp_path / "runs.parquet").write_bytes(b"PAR1 cut short")
+    with pytest.raises(DldsimError, match=r"runs\.parquet"):
+        report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_rules_named_for_missing_tables_make_them():
+    rules = {}
+    for path in (Path(__file__).parents[1] / "workflow" / "rules").glob("*.smk"):
+        _, *blocks = re.split(r"^rule (\w+):", path.read_text(), flags=re.M)
+        rules |= dict(zip(blocks[::2], blocks[1::2], strict=True))
+    for name, rule in report.TABLES.values():
+        assert f"/{name}" in rules[rule].split("output:")[1]
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "shown"),
+    [(0.0, 3, "0"), (1234567, 3, "1 234 567"), (0.98765, 3, "0.988"), (9.996, 3, "10.0"),
+     (12345.6, 3, "12 346"), (-2.5, 2, "−2.5"), (3.2e-5, 2, "3.2 × 10⁻⁵"), (None, 3, "–"),
+     (float("nan"), 3, "–"), (True, 3, "yes"), (2.5e7, 3, "2.50 × 10⁷")],
+)  # fmt: skip
+def test_number_format(value, digits, shown):
+    assert report.number(value, digits).replace("\u202f", " ") == shown
+
+
+def test_probability_and_duration_format():
+    assert [report.probability(p) for p in (0.25, 4.4e-12, 0.0, None)] == [
+        "0.250", "4.4 × 10⁻¹²", "< 10⁻³⁰⁰", "–"]
+    assert [report.duration(s) for s in (47.0, 930.0, 12000.0)] == ["47 s", "16 min", "3.33 h"]
+
+
+# --------------------------------------------------------------------- data computed for figures
+
+
+def test_critical_size_ratio():
+    assert figures.critical_size_ratio(0.1) == pytest.approx(1.4 * 0.1**0.48)
+    assert figures.critical_size_ratio([0.05, 0.2]) == pytest.approx([0.3324, 0.6466], 1e-3)
+
+
+def test_volume_equivalent_diameter():
+    volume = np.pi / 6 * figures.volume_equivalent_diameter("biconcave", 3.91, 1.0) ** 3
+    assert volume == pytest.approx(94.1, abs=0.1)  # µm³, Evans & Fung 1972
+    assert figures.volume_equivalent_diameter("sphere", 7.5, 0.3) == pytest.approx(15)
+    assert figures.volume_equivalent_diameter("ellipsoid", 4.0, 0.125) == pytest.approx(4)
+
+
+def test_cumulated_row_shifts_of_a_full_bump_count_rows():
+    run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "lateral_steps_um": [4.5] * 6}
+    assert figures.cumulated_row_shifts(run).tolist() == pytest.approx([0, 1, 2, 3, 4, 5, 6])
+
+
+def test_gap_height_is_constant_when_the_cell_follows_the_rows():
+    run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0}
+    x = np.linspace(12.0, 300.0, 500)
+    track = pd.DataFrame({"x_um": x, "y_um": 9.0 + 4.5 + 4.5 * x / 36.0})
+    rows, heights = figures.gap_heights(track, run)
+    assert rows.tolist() == list(range(1, 9))
+    assert heights == pytest.approx(np.full(8, 0.25))
+
+
+def test_pillars_stand_on_the_shifted_lattice():
+    run = {"pitch_um": 30.0, "row_shift_fraction": 0.2, "pillar_radius_um": 5.0}
+    centres = figures.pillar_centres(run, (-1.0, 61.0), (0.0, 40.0))
+    rows = np.round(centres[:, 0] / 30.0)
+    lanes = (centres[:, 1] - 6.0 * rows) / 30.0
+    assert centres[:, 0] == pytest.approx(30.0 * rows) and lanes == pytest.approx(np.round(lanes))
+    assert sorted(set(rows)) == [0, 1, 2]
+    assert [0.0, 0.0] in centres.tolist() and [30.0, 36.0] in centres.tolist()
+
+
+def test_picked_trajectories_show_each_mode_and_prefer_converged_runs(campaign):
+    runs = campaign[0]["runs"]
+    picked = dict(figures.pick_trajectories(runs))
+    for mode in ("bump", "zigzag"):
+        [run_id] = picked[f"{mode} mode"]
+        run = runs.set_index("run_id").loc[run_id]
+        assert run["mode"] == mode and run["status"] in figures.SETTLED
+    [pair] = [ids for heading, ids in picked.items() if heading.startswith("one array")]
+    parted = runs.set_index("run_id").loc[pair]
+    assert parted[["pillar_radius_um", "gap_um", "periodicity"]].nunique().tolist() == [1, 1, 1]
+    assert parted["mode"].nunique() == 2
+
+
+def test_trajectory_panel_shows_a_period_in_true_proportion(campaign):
+    tables, _ = campaign
+    runs, tracks = tables["runs"], tables["trajectory"]
+    run = runs[runs["mode"] == "bump"].iloc[0]
+    panel = figures.trajectory_panel("bump", [run["run_id"]], runs, tracks)
+    assert np.ptp(panel.paths[0]["x"]) >= run["periodicity"] * run["pitch_um"]
+    axes = figures.draw_trajectories([panel]).axes[0]
+    box = axes.get_window_extent()
+    scale = box.width / np.ptp(panel.xlim) / (box.height / np.ptp(panel.ylim))
+    assert scale == pytest.approx(1, rel=1e-3)
+
+
+def test_mode_points_place_runs_against_the_critical_diameter(campaign):
+    points = figures.mode_points(campaign[0]["runs"], 1.0)
+    assert len(points) == len(figures.measured(campaign[0]["runs"]))
+    run = points.iloc[0]
+    law = 1.4 * run["gap_um"] * run["periodicity"] ** -0.48
+    assert run["size_over_critical"] == pytest.approx(run["size_um"] / law)
+
+
+def test_pooled_scores():
+    predictions = pd.DataFrame({
+        "model": ["A"] * 4 + ["B"] * 2, "split": "geometry",
+        "observed_deg": [0.0, 2.0, 4.0, 6.0, 1.0, 3.0],
+        "predicted_deg": [1.0, 1.0, 5.0, 5.0, 1.5, 3.5],
+    })  # fmt: skip
+    scores = figures.pooled_scores(predictions).set_index("model")
+    assert list(scores.index) == ["B", "A"]  # best by geometry first
+    assert scores.loc["A", ["rmse_deg", "mae_deg", "r2"]].tolist() == pytest.approx([1, 1, 0.8])
+    assert scores.loc["B", "rmse_deg"] == pytest.approx(0.5)
+
+
+def test_best_so_far_counts_feasible_trials_only():
+    trials = pd.DataFrame({
+        "trial": [2, 0, 1, 3], "separation_deg": [1.0, 2.0, 9.0, None],
+        "feasible": [True, True, False, False],
+    })  # fmt: skip
+    assert figures.best_so_far(trials)["best_deg"].tolist() == [2.0, 2.0, 2.0, 2.0]
+
+
+def test_correlation_matrix_is_symmetric():
+    pairs = pd.DataFrame({
+        "variable_a": ["x", "x"], "variable_b": ["y", "z"], "pearson_r": [0.5, None]})
+    matrix = figures.correlation_matrix(pairs)
+    assert matrix.loc["y", "x"] == matrix.loc["x", "y"] == 0.5
+    assert matrix.loc["z", "z"] == 1 and np.isnan(matrix.loc["y", "z"])
+
+
+def test_angles_of_an_aliased_sweep_are_drawn_against_periodicity():
+    rng = np.random.default_rng(0)
+    rows = [make_run(r, r + 10, n, s, rng)[0] for r in (4.0, 8.0) for n in (4, 8) for s in SETS]
+    figure = figures.draw_angles(pd.DataFrame(rows))
+    assert [axes.get_xlabel() for axes in figure.axes] == ["periodicity $N_p$"] * 2
+
+
+def test_equal_figures_give_equal_files(campaign):
+    scores = figures.pooled_scores(campaign[0]["predictions"])
+    first, second = (
+        figures.render(figures.draw_benchmark(scores, campaign[0]["benchmark"]), "svg")
+        for _ in range(2)
+    )
+    assert first == second

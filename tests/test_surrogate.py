@@ -1,0 +1,221 @@
+"""Laws of the regressors and of the surrogate's file."""
+
+import json
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dldsim import surrogate
+from dldsim.errors import DldsimError
+from dldsim.surrogate import BASELINE, FEATURES, REPEATS, SURROGATE
+
+
+def bump_or_zigzag(r, g, n, d):
+    """Sharp but smooth transition at D_c of a cell of effective diameter 15 µm (1 − DI/2)."""
+    excess = 15 * (1 - d / 2) - 1.4 * g * n**-0.48
+    return np.degrees(np.arctan(1 / n)) / (1 + np.exp(-excess / 0.8))
+
+
+def make_runs(angle=bump_or_zigzag, radii=(5.0, 7.5, 10.0), gaps=(14.0, 18.0, 22.0),
+              rows=(4, 6, 10), indices=(0.5, 0.65, 0.78)):
+    return pd.DataFrame(
+        [
+            {"run_id": f"r{r:04.1f}_g{g:04.1f}_n{n:02d}_s{s}", "pillar_radius_um": r, "gap_um": g,
+             "periodicity": n, "stiffness_set": str(s), "deformation_index": d,
+             "cell_radius_um": 7.5, "cell_shape": "biconcave", "height_um": 20.0,
+             "migration_angle_deg": angle(r, g, n, d), "status": "converged"}
+            for r, g, n, (s, d) in product(radii, gaps, rows, enumerate(indices, 1))
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return surrogate.fit(make_runs(), seed=3)
+
+
+@pytest.fixture(scope="module")
+def benchmarked():
+    return surrogate.benchmark(make_runs(), seed=3)
+
+
+def test_features_by_hand():
+    x = dict(zip(FEATURES, surrogate.features(5, 20, 10, 0.6, 7.5)[0], strict=True))
+    assert x["pillar_radius_over_cell_radius"] == pytest.approx(2 / 3)
+    assert x["row_shift_fraction"] == pytest.approx(0.1)
+    assert x["critical_diameter_over_cell_diameter"] == pytest.approx(28 * 0.1**0.48 / 15)
+    assert x["bump_angle_deg"] == pytest.approx(5.7106, abs=1e-4)
+
+
+def test_only_ratios_of_lengths_matter(fitted):
+    small, large = fitted.predict(6, 18, 6, 0.6, 7.5), fitted.predict(12, 36, 6, 0.6, 15)
+    assert small == large
+    assert fitted.predict([6, 8], 18, 6, 0.6, 7.5).shape == (2,)
+
+
+def test_every_row_is_held_out_once_a_repeat(benchmarked):
+    _, predictions = benchmarked
+    counts = predictions.groupby(["model", "split", "run_id"]).size()
+    assert (counts == REPEATS).all() and len(counts) == 7 * 2 * 81
+
+
+def test_split_by_geometry_keeps_arrays_whole(benchmarked):
+    scores, predictions = benchmarked
+    one = predictions[(predictions["model"] == "linear")].assign(
+        geometry=lambda t: t["run_id"].str.rsplit("_s").str[0])
+    together = one.groupby(["split", "geometry"])["fold"].nunique()
+    assert (together["geometry"] == REPEATS).all()
+    assert together["random"].max() > REPEATS
+    assert (scores["n_train"] + scores["n_test"] == 81).all()
+
+
+def test_scores_are_those_of_the_predictions(benchmarked):
+    scores, predictions = benchmarked
+    error = predictions["predicted_deg"] - predictions["observed_deg"]
+    mse = (error**2).groupby([predictions[n] for n in ("model", "split", "fold")]).mean()
+    found = scores.set_index(["model", "split", "fold"])
+    pd.testing.assert_series_equal(found["mse_deg2"].sort_index(), mse, check_names=False)
+    assert np.allclose(found["rmse_deg"] ** 2, found["mse_deg2"])
+    assert (found["mae_deg"] <= found["rmse_deg"] + 1e-12).all()
+
+
+def test_learners_beat_the_rule_that_learns_nothing(benchmarked):
+    rmse = benchmarked[0].groupby(["split", "model"])["rmse_deg"].mean()
+    assert rmse["geometry", SURROGATE] < 0.5 * rmse["geometry", "linear"]
+    assert rmse["geometry", "linear"] < rmse["geometry", BASELINE]
+
+
+def test_random_split_flatters_what_only_remembers():
+    """Angles drawn per array, nothing to learn from geometry: only leakage can score."""
+    draw = np.random.default_rng(0)
+    angle = {key: draw.normal() for key in product((5.0, 7.5, 10.0), (14.0, 18.0, 22.0),
+                                                   (4, 6, 10))}
+    runs = make_runs(lambda r, g, n, d: angle[r, g, n])
+    forest = {"forest": surrogate.make_regressors(1)["random forest"]}
+    error = {
+        split: np.mean([fold["rmse_deg"] for fold in
+                        surrogate._cross_validate(runs, forest, split, 1)[0]])
+        for split in ("random", "geometry")
+    }
+    assert 2 * error["random"] < error["geometry"]
+
+
+def test_rule_by_hand():
+    """2R = 15 µm: D_c = 14.4 µm at gap 20, N_p 4 bumps; 15.8 µm at gap 22 does not."""
+    x = np.vstack([surrogate.features(5, g, 4, 0.5, 7.5) for g in (20, 22)])
+    assert surrogate.CriticalDiameterRule().predict(x) == pytest.approx([14.0362, 0], abs=1e-4)
+
+
+def test_saved_model_predicts_the_same(fitted, tmp_path):
+    model, card = tmp_path / "m.json", tmp_path / "c.json"
+    fitted.save(model, card)
+    back = surrogate.load(model, card)
+    at = make_runs()[surrogate.INPUTS].T.to_numpy()
+    assert np.array_equal(fitted.predict(*at), back.predict(*at))
+    back.save(tmp_path / "m2.json", tmp_path / "c2.json")
+    assert (tmp_path / "m2.json").read_bytes() == model.read_bytes()
+    assert (tmp_path / "c2.json").read_bytes() == card.read_bytes()
+
+
+def test_card_says_what_the_model_is(fitted):
+    card = fitted.card
+    assert card["data"]["used"] == 81 and card["data"]["geometries"] == 27
+    assert card["domain"]["ranges"]["deformation_index"] == [0.5, 0.78]
+    assert fitted.deformation_index_range == (0.5, 0.78)
+    assert 0 < fitted.rmse_deg < card["baseline_by_geometry"]["rmse_deg"]
+    assert card["features"] == FEATURES and card["seed"] == 3
+    assert {"dldsim", "physics", "xgboost"} <= set(card["versions"])
+    runs = make_runs()
+    runs.loc[0, "migration_angle_deg"] += 1e-6
+    runs.loc[1, "status"] = "period_limit"
+    other = surrogate.fit(runs, seed=3).card["data"]
+    assert other["sha256"] != card["data"]["sha256"] and other["not_converged"] == 1
+
+
+def edit(change):
+    def spoil(model, card):
+        content = json.loads(card.read_text())
+        change(content)
+        card.write_text(json.dumps(content))
+    return spoil
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda m, c: m.unlink(), "does not exist"),
+        (lambda m, c: c.unlink(), "does not exist"),
+        (lambda m, c: c.write_text("{"), "no card"),
+        (lambda m, c: c.write_text("[]"), "no card"),
+        (lambda m, c: m.write_bytes(m.read_bytes()[:-9]), "not the model"),
+        (edit(lambda c: c.update(kind="other")), "another model"),
+        (edit(lambda c: c["features"].pop()), "features"),
+        (edit(lambda c: c["versions"].update(physics=-1)), "physics version -1"),
+        (edit(lambda c: c["scores_by_geometry"].update(rmse_deg=0.0)), "was changed"),
+        (edit(lambda c: c["domain"]["ranges"].update(deformation_index=[0, 1])), "was changed"),
+    ],
+)
+def test_files_that_do_not_match_are_refused(fitted, tmp_path, spoil, words):
+    model, card = tmp_path / "m.json", tmp_path / "c.json"
+    fitted.save(model, card)
+    spoil(model, card)
+    with pytest.raises(DldsimError, match=words):
+        surrogate.load(model, card)
+
+
+def test_domain_is_the_hull_of_the_training_geometries(fitted):
+    assert fitted.distance_outside(6, 17, 5, 7.5) == pytest.approx(0, abs=1e-9)
+    assert fitted.distance_outside(10, 22, 10, 7.5) == pytest.approx(0, abs=1e-9)
+    assert fitted.distance_outside(12.5, 18, 6, 7.5) == pytest.approx(0.5)
+    # the same array is another one to a smaller cell
+    assert fitted.distance_outside(10, 22, 6, 5.0) > 0.5
+
+
+def test_domain_of_tied_gap_and_radius_is_not_a_box():
+    runs = make_runs(gaps=(15.0, 17.5, 20.0))
+    runs = runs[runs["gap_um"] == runs["pillar_radius_um"] + 10]
+    tied = surrogate.fit(runs, seed=1)
+    assert tied.distance_outside(6, 16, 5, 7.5) == pytest.approx(0, abs=1e-9)
+    assert tied.distance_outside(5.5, 19.5, 5, 7.5) > 0.3
+    fixed = surrogate.fit(make_runs(gaps=(18.0,)), seed=1)
+    assert fixed.distance_outside(6, 19, 5, 7.5) == np.inf
+    assert fixed.distance_outside(6, 18, 5, 7.5) == pytest.approx(0, abs=1e-9)
+
+
+def test_unusable_runs_are_left_out():
+    runs = make_runs()
+    runs.loc[:3, "migration_angle_deg"] = np.nan
+    runs.loc[4:5, "deformation_index"] = np.nan
+    assert surrogate.fit(runs, seed=1).card["data"]["used"] == 75
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda t: t.drop(columns="cell_radius_um"), "cell_radius_um"),
+        (lambda t: t.assign(deformation_index=np.nan), "81 without deformation_index"),
+        (lambda t: t.assign(migration_angle_deg=2.0), "different angles"),
+        (lambda t: t.assign(height_um=np.arange(81)), "height_um"),
+        (lambda t: t.iloc[:0], "0 of 0 runs"),
+    ],
+)
+def test_unusable_tables_are_refused(spoil, words):
+    with pytest.raises(DldsimError, match=words):
+        surrogate.fit(spoil(make_runs()), seed=1)
+
+
+def test_impossible_inputs_are_refused(fitted):
+    with pytest.raises(DldsimError, match="gap_um must be positive"):
+        fitted.predict(6, -1, 6, 0.6, 7.5)
+    with pytest.raises(DldsimError, match="finite"):
+        fitted.predict(6, np.nan, 6, 0.6, 7.5)
+
+
+def test_tiny_table_gives_the_same_numbers_in_any_order():
+    runs = make_runs(radii=(5.0, 7.5), gaps=(15.0, 20.0), rows=(4, 6), indices=(0.5, 0.78))
+    keys = ["model", "split", "fold", "rmse_deg", "r2"]
+    a, b = (surrogate.benchmark(t, seed=1)[0] for t in (runs, runs.sample(frac=1, random_state=5)))
+    pd.testing.assert_frame_equal(a[keys], b[keys])
+    assert np.isfinite(a["rmse_deg"]).all()

@@ -1,0 +1,177 @@
+"""The graph of jobs: what runs, what reruns, what goes on after a failure."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from dldsim import campaign
+from dldsim.config import read_config
+from dldsim.tables import COLUMNS, read_rows
+
+ROOT = Path(__file__).parents[1]
+PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
+AFTER_RUNS = {"runs": 1, "anova": 1, "robustness_map": 1, "benchmark": 1, "surrogate": 1,
+              "designs": 1, "report": 1, "all": 1}
+AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_RUNS
+
+
+def snakemake(folder, *argv, check=True):
+    """Run snakemake on a copy of the workflow; returns the finished process."""
+    done = subprocess.run(
+        [sys.executable, "-m", "snakemake", "-j2", *argv],
+        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert not check or done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+def planned(folder, *argv):
+    """Number of jobs of each rule that a dry run announces."""
+    done = snakemake(folder, "-n", *argv)
+    lines = (done.stdout + done.stderr).splitlines()
+    counts = {}
+    for line in lines:
+        words = line.split()
+        if len(words) == 2 and words[1].isdecimal() and words[0] != "total":
+            counts[words[0]] = int(words[1])
+        elif words[:1] == ["total"]:
+            break
+    return counts
+
+
+def copy_workflow(folder):
+    for name in PARTS:
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        copy(ROOT / name, folder / name)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A tiny campaign whose outputs Snakemake takes for finished; the files are empty shells."""
+    folder = copy_workflow(tmp_path_factory.mktemp("campaign"))
+    config = ["--config", "preset=tiny"]
+    summary = snakemake(folder, "all", "--summary", *config).stdout.splitlines()
+    for line in summary[1:]:
+        path = folder / line.split("\t")[0]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("shell")
+    (folder / "results" / campaign.STAMP).write_text(json.dumps(campaign.stamp()))
+    snakemake(folder, "all", "--touch", "--forceall", *config)
+    assert planned(folder, "all", *config) == {}
+    return folder
+
+
+@pytest.mark.parametrize(("preset", "geometries"), [("quick", 27), ("paper", 36), ("full", 210)])
+def test_presets_plan_their_runs(preset, geometries, tmp_path):
+    folder = copy_workflow(tmp_path)
+    counts = planned(folder, "all", "--config", f"preset={preset}")
+    config = read_config(ROOT / "config.yaml", {"preset": preset})
+    assert counts["simulate_run"] == len(campaign.runs(config))
+    assert counts["empty_flow"] == geometries
+    assert counts["constrict"] == len(campaign.constrictions(config))
+    assert counts["warm_cache"] == counts["report"] == counts["all"] == 1
+
+
+def test_named_target_runs_only_its_part(tmp_path):
+    folder = copy_workflow(tmp_path)
+    assert set(planned(folder, "calibration")) == {
+        "warm_cache", "constrict", "constriction_runs", "calibration"
+    }
+    counts = planned(folder, "robustness_map")
+    assert counts["robustness_map"] == 1
+    assert not {"report", "surrogate", "designs", "anova", "benchmark"} & set(counts)
+
+
+SIMULATIONS = {"simulate_run": 16, "trajectories": 1}
+FLOWS = {"empty_flow": 8, "flows": 1}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ("numerics={kernel_points: 4}", SIMULATIONS | {"constrict": 3} | AFTER_CONSTRICTION),
+        ("numerics={rows: 2}", SIMULATIONS | FLOWS | AFTER_RUNS),
+        ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_RUNS),
+        ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_RUNS),
+        ("cell={release_gap_fraction: 0.3}", SIMULATIONS | AFTER_RUNS),
+        ('stiffness_sets={"5": {ks_uN_per_m: 6}}',
+         {"simulate_run": 8, "trajectories": 1} | AFTER_RUNS),
+        ("constriction_groups={G4: {velocity_mm_s: 2}}", {"constrict": 1} | AFTER_CONSTRICTION),
+        ("constriction={release_positions_um: [0.0, 3.0]}", {"constrict": 3} | AFTER_CONSTRICTION),
+        ("sweep={gap_um: [15, 20, 21]}", {"empty_flow": 4, "flows": 1, "simulate_run": 8,
+                                          "trajectories": 1} | AFTER_RUNS),
+        ("sweep={gap_um: [20]}", {"flows": 1, "trajectories": 1} | AFTER_RUNS),
+        ("sweep={safety_distance_um: 1}", {"designs": 1, "report": 1, "all": 1}),
+        ("seed=3", {"benchmark": 1, "surrogate": 1, "designs": 1, "report": 1, "all": 1}),
+    ],
+)
+def test_a_changed_value_reruns_its_dependents_only(finished, change, expected):
+    assert planned(finished, "all", "--config", "preset=tiny", change) == expected
+
+
+def test_a_crash_is_tried_again_once_per_start(finished):
+    crashes = finished / "results" / "crashes"
+    campaign.record_crash(crashes, "r05.0_g15.0_n04_s1", "out of memory")
+    try:
+        counts = planned(finished, "all", "--config", "preset=tiny")
+        assert counts == {"simulate_run": 1, "trajectories": 1} | AFTER_RUNS
+    finally:
+        shutil.rmtree(crashes)
+
+
+def test_results_of_other_physics_are_refused(finished):
+    stamp = finished / "results" / campaign.STAMP
+    ours = stamp.read_text()
+    try:
+        stamp.write_text('{"dldsim_version": "0.0.1", "physics_version": -1}')
+        done = snakemake(finished, "-n", "all", "--config", "preset=tiny", check=False)
+        assert done.returncode != 0
+        assert "results holds results of physics version -1" in done.stdout + done.stderr
+        assert planned(finished, "all", "--forceall", "--config", "preset=tiny")
+    finally:
+        stamp.write_text(ours)
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [("preset=papr", "Did you mean paper?"), ("flow={heigth_um: 3}", "Did you mean height_um?"),
+     ("sweep={gap_um: []}", "sweep.gap_um")],
+)
+def test_bad_configuration_is_told(tmp_path, change, part):
+    folder = copy_workflow(tmp_path)
+    done = snakemake(folder, "-n", "all", "--config", change, check=False)
+    assert done.returncode != 0 and part in done.stdout + done.stderr
+
+
+@pytest.mark.campaign
+def test_tiny_campaign_end_to_end(tmp_path):
+    """Real simulations through to the report; then nothing is left to do."""
+    folder = copy_workflow(tmp_path)
+    config = ["--config", "preset=tiny"]
+    done = snakemake(folder, "all", *config)
+    results = folder / "results"
+    assert "Done: results/" in done.stdout + done.stderr
+    for kind, name in {
+        "runs": "runs", "flows": "flows", "trajectory": "trajectories",
+        "calibration": "calibration", "constriction_runs": "constriction_runs",
+        "calibration_correlations": "calibration_correlations", "anova": "anova",
+        "robustness": "robustness", "benchmark": "benchmark", "predictions": "predictions",
+        "designs": "designs", "design_trials": "design_trials",
+    }.items():
+        assert read_rows(kind, results / f"{name}.parquet"), name
+        assert name == "trajectories" or (results / f"{name}.csv").exists()
+    runs = read_rows("runs", results / "runs.parquet")
+    statuses = Counter(run["status"] for run in runs)
+    assert len(runs) == 16 and not statuses["failed"], statuses
+    assert all(run["deformation_index"] is not None for run in runs)
+    assert {"runs", "trajectory"} <= set(COLUMNS)
+    assert "<html" in (results / "report.html").read_text(encoding="utf-8")[:500].lower()
+    assert planned(folder, "all", *config) == {}

@@ -1,0 +1,57 @@
+# Statistics and regression on the table of runs.
+
+
+rule anova:
+    input:
+        rules.runs.output.table,
+    output:
+        table=f"{RESULTS}/anova.parquet",
+        csv=f"{RESULTS}/anova.csv",
+    params:
+        settings=settings_of(),
+    log:
+        f"{RESULTS}/logs/anova.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/anova.tsv"
+    message:
+        "analyse the variance of the migration angle"
+    script:
+        "../scripts/anova.py"
+
+
+rule robustness_map:
+    input:
+        rules.runs.output.table,
+    output:
+        table=f"{RESULTS}/robustness.parquet",
+        csv=f"{RESULTS}/robustness.csv",
+    params:
+        settings=settings_of(),
+    log:
+        f"{RESULTS}/logs/robustness_map.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/robustness_map.tsv"
+    message:
+        "score the robustness of each geometry"
+    script:
+        "../scripts/robustness_map.py"
+
+
+rule benchmark:
+    input:
+        rules.runs.output.table,
+    output:
+        table=f"{RESULTS}/benchmark.parquet",
+        csv=f"{RESULTS}/benchmark.csv",
+        predictions=f"{RESULTS}/predictions.parquet",
+        predictions_csv=f"{RESULTS}/predictions.csv",
+    params:
+        settings=seeded(),
+    log:
+        f"{RESULTS}/logs/benchmark.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/benchmark.tsv"
+    message:
+        "compare regressors of the migration angle"
+    script:
+        "../scripts/benchmark.py"

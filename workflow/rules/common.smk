@@ -1,0 +1,92 @@
+# The configuration, and what each job reads of it. Snakemake sees neither edits of the package nor
+# the configuration itself: a job is made anew when its parameters change, so these functions hand
+# out exactly the settings that a job depends on, and the physics version.
+
+import sys
+from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+from dldsim import PHYSICS_VERSION, campaign
+from dldsim.config import CELL_NUMERICS, resolve
+from dldsim.errors import DldsimError
+
+RESULTS = "results"
+CRASHES = f"{RESULTS}/crashes"
+
+try:
+    CONFIG = resolve(config, overrides=workflow.config_settings.config)
+    if workflow.is_main_process and not {"--forceall", "-F"} & set(sys.argv):
+        campaign.check_stamp(Path(RESULTS))
+    GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
+    RUNS = [campaign.run_id(r) for r in campaign.runs(CONFIG)]
+except DldsimError as error:
+    raise WorkflowError(str(error)) from None
+
+CONSTRICTIONS = campaign.constrictions(CONFIG)
+
+
+wildcard_constraints:
+    geometry=campaign.GEOMETRY_PATTERN,
+    run=campaign.RUN_PATTERN,
+    constriction=r"[A-Za-z0-9-]+_\d+",
+
+
+def settings_of(*sections):
+    """Named sections of the configuration as plain values, and the physics version."""
+    values = CONFIG.model_dump(mode="json", include=set(sections))
+    return {**values, "physics_version": PHYSICS_VERSION}
+
+
+def seeded(*sections):
+    """The same, and the campaign's seed."""
+    return settings_of("seed", *sections)
+
+
+def warm_settings(wildcards, output):
+    """Taking `output` keeps these out of the parameters that Snakemake compares: a warm cache is
+    never made anew, since that would hide from Snakemake what the runs after it need."""
+    stiffness = next(iter(CONFIG.stiffness_sets.values())).model_dump(mode="json")
+    return {**settings_of("cell", "flow", "numerics", "constriction"), "stiffness": stiffness}
+
+
+def flow_settings(wildcards):
+    numerics = CONFIG.numerics.model_dump(mode="json", exclude=CELL_NUMERICS)
+    return {**settings_of("flow"), "numerics": numerics}
+
+
+def run_settings(wildcards):
+    stiffness = CONFIG.stiffness_sets[campaign.parse_run(wildcards.run).stiffness_set]
+    return {
+        **settings_of("cell", "flow", "numerics", "run_control"),
+        "stiffness": stiffness.model_dump(mode="json"),
+    }
+
+
+def constriction_settings(wildcards):
+    group, position = campaign.parse_constriction(wildcards.constriction)
+    channel = CONFIG.constriction.model_dump(mode="json")
+    positions = channel.pop("release_positions_um")
+    return {
+        "group": CONFIG.constriction_groups[group].model_dump(mode="json"),
+        "constriction": channel,
+        "release_position_um": positions[position],
+        "cell": CONFIG.cell.model_dump(mode="json", exclude={"release_gap_fraction"}),
+        "flow": CONFIG.flow.model_dump(mode="json", include={"viscosity_mPa_s"}),
+        "numerics": CONFIG.numerics.model_dump(mode="json", exclude={"rows", "lanes"}),
+        "physics_version": PHYSICS_VERSION,
+    }
+
+
+def crash_count(wildcards):
+    """How often this job has crashed: one more than last time makes Snakemake try again."""
+    [identifier] = wildcards
+    return campaign.count_crashes(Path(CRASHES), identifier)
+
+
+def flow_of_run(wildcards):
+    geometry = campaign.geometry_id(campaign.parse_run(wildcards.run).geometry)
+    return {
+        "flow": f"{RESULTS}/flow/{geometry}.npz",
+        "flow_row": f"{RESULTS}/flow/{geometry}.flow.parquet",
+    }

@@ -1,0 +1,28 @@
+# One HTML page of everything.
+
+
+rule report:
+    input:
+        rules.runs.output.table,
+        rules.trajectories.output,
+        rules.flows.output.table,
+        rules.constriction_runs.output.table,
+        rules.calibration.output,
+        rules.anova.output.table,
+        rules.robustness_map.output.table,
+        rules.benchmark.output,
+        rules.designs.output,
+        rules.surrogate.output,
+    output:
+        f"{RESULTS}/report.html",
+    params:
+        results=RESULTS,
+        settings=CONFIG.model_dump(mode="json"),
+    log:
+        f"{RESULTS}/logs/report.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/report.tsv"
+    message:
+        "write the report"
+    script:
+        "../scripts/report.py"

@@ -1,0 +1,15 @@
+"""One geometry: its flow without a cell."""
+
+from pathlib import Path
+
+from dldsim.jobs import flow_job, job_log
+
+with job_log(snakemake.log[0]) as progress:
+    flow_job(
+        snakemake.wildcards.geometry,
+        snakemake.params.settings,
+        flow=Path(snakemake.output.flow),
+        row=Path(snakemake.output.row),
+        crashes=Path(snakemake.params.crash_directory),
+        progress=progress,
+    )

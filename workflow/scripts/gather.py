@@ -1,0 +1,9 @@
+"""Tables of one kind into one, with its CSV twin."""
+
+from dldsim.jobs import job_log, provenance
+from dldsim.tables import concatenate, write_csv
+
+with job_log(snakemake.log[0]):
+    kind, table = snakemake.params.kind, snakemake.output.table
+    concatenate(kind, snakemake.input, table, provenance(snakemake.params.settings))
+    write_csv(kind, table)

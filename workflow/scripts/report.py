@@ -1,0 +1,11 @@
+"""All tables in, one HTML page out."""
+
+from pathlib import Path
+
+from dldsim.jobs import job_log
+from dldsim.report import make_report
+
+with job_log(snakemake.log[0]):
+    make_report(
+        Path(snakemake.params.results), Path(snakemake.output[0]), snakemake.params.settings
+    )

@@ -1,0 +1,13 @@
+"""Runs in, fitted surrogate and its card out."""
+
+from pathlib import Path
+
+from dldsim.campaign import derive_seed
+from dldsim.jobs import job_log
+from dldsim.surrogate import fit
+from dldsim.tables import read_table
+
+with job_log(snakemake.log[0]):
+    seed = derive_seed(snakemake.params.settings["seed"], "surrogate")
+    model = fit(read_table("runs", snakemake.input[0]), seed)
+    model.save(Path(snakemake.output.model), Path(snakemake.output.card))

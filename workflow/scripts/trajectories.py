@@ -1,0 +1,8 @@
+"""All trajectories into one table."""
+
+from dldsim.jobs import job_log, provenance
+from dldsim.tables import concatenate
+
+with job_log(snakemake.log[0]):
+    about = provenance(snakemake.params.settings)
+    concatenate("trajectory", snakemake.input, snakemake.output[0], about)
