@@ -22,7 +22,7 @@ from dldsim.coupling import (
     spread,
 )
 from dldsim.flow import Fluid
-from dldsim.lattice import stream_collide
+from dldsim.lattice import damp_staggered_momentum, stream_collide
 from dldsim.membrane import (
     Energies,
     Moduli,
@@ -39,7 +39,7 @@ REFERENCE_VERTEX_AREA_UM2 = 490.27 / 1962
 """Membrane area per vertex of the source mesh: friction, mass and contact are given for it."""
 CONTACT_STRENGTH = 1e-4  # nN µm^2.2, per vertex of the source mesh
 CONTACT_EXPONENT = 1.2
-CONTROL_INTERVAL = 20  # steps between corrections of the body force
+CONTROL_INTERVAL = 20  # steps between corrections of the body force and of staggered momentum
 CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corrected
 
 
@@ -114,7 +114,8 @@ def advance_no_slip(
             for d in range(3):
                 body.x[i, d] += body.v[i, d]
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
-        if step % CONTROL_INTERVAL == 0:
+        if step % CONTROL_INTERVAL == 1:
+            damp_staggered_momentum(f, f_new, parameters[11])
             control_force(velocity, drive, parameters, mean)
 
 
@@ -151,7 +152,8 @@ def advance_dissipative(
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-        if step % CONTROL_INTERVAL == 0:
+        if step % CONTROL_INTERVAL == 1:
+            damp_staggered_momentum(f, f_new, parameters[11])
             control_force(velocity, drive, parameters, mean)
 
 
