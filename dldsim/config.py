@@ -85,7 +85,7 @@ class Cell(Section):
 class Flow(Section):
     """The carrying liquid and what drives it."""
 
-    mean_velocity_mm_s: float = Field(1.0, gt=0, description="mean velocity over the unit cell, x")
+    mean_velocity_mm_s: float = Field(0.5, gt=0, description="mean velocity over the unit cell, x")
     viscosity_mPa_s: float = Field(1.5, gt=0, description="dynamic viscosity, inside and outside")
     height_um: float = Field(20.0, ge=0, description="channel height; 0 is the 2D limit (no walls)")
     drive: Literal["no-lateral-flux", "axial"] = Field(
@@ -98,8 +98,8 @@ class Numerics(Section):
     """How the equations are solved."""
 
     spacing_um: float = Field(1.25, gt=0, description="largest lattice spacing wanted")
-    velocity_lu: float = Field(0.02, gt=0, le=0.1, description="mean velocity in lattice units")
-    relaxation_time: float = Field(1.5, gt=0.5, le=5, description="τ of the shear stress")
+    velocity_lu: float = Field(0.0125, gt=0, le=0.1, description="mean velocity in lattice units")
+    relaxation_time: float = Field(1.25, gt=0.5, le=5, description="τ of the shear stress")
     collision: Literal["trt", "bgk"] = Field("trt", description="collision operator")
     inertia: Literal["stokes", "navier-stokes"] = Field(
         "stokes", description="equilibrium without or with the quadratic (convective) term"
@@ -113,7 +113,7 @@ class Numerics(Section):
     coupling: Literal["no-slip", "dissipative"] = Field(
         "no-slip", description="how membrane and fluid are tied"
     )
-    kernel_points: Literal[2, 3, 4] = Field(3, description="width of the immersed-boundary kernel")
+    kernel_points: Literal[2, 3, 4] = Field(2, description="width of the immersed-boundary kernel")
     edge_to_spacing: float = Field(
         1.0, ge=0.3, le=2, description="mean membrane edge / lattice spacing wanted"
     )
@@ -126,9 +126,9 @@ class Numerics(Section):
 class RunControl(Section):
     """When a run records and when it stops."""
 
-    max_rows: int = Field(32, ge=2, description="most rows that a cell is followed")
+    max_rows: int = Field(40, ge=2, description="most rows that a cell is followed")
     orbit_tolerance: float = Field(
-        0.05, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
+        0.03, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
     )
     records_per_row: int = Field(20, ge=4, description="trajectory samples per row")
 
@@ -136,12 +136,16 @@ class RunControl(Section):
 class Constriction(Section):
     """Channel with a slit throat in which the deformation index is measured."""
 
+    spacing_um: float = Field(0.75, gt=0, description="largest lattice spacing wanted")
     width_um: float = Field(30.0, gt=0, description="channel width away from the throat")
-    throat_width_um: float = Field(8.0, gt=0, description="width of the throat")
-    throat_length_um: float = Field(20.0, gt=0, description="length of the throat")
+    throat_width_um: float = Field(6.0, gt=0, description="width of the throat")
+    throat_length_um: float = Field(40.0, gt=0, description="length of the throat")
     taper_length_um: float = Field(10.0, ge=0, description="length of each taper")
-    approach_length_um: float = Field(30.0, gt=0, description="straight part on each side")
-    height_um: float = Field(20.0, gt=0, description="channel height")
+    approach_length_um: float = Field(26.0, gt=0, description="straight part on each side")
+    height_um: float = Field(10.0, gt=0, description="channel height")
+    axis: Literal["x", "y", "z"] = Field(
+        "z", description="direction of the cell's symmetry axis at release (z: seen face on)"
+    )
     release_positions_um: list[float] = Field(
         [0.0, 3.0, 6.0, 9.0],
         min_length=1,
@@ -306,8 +310,11 @@ class Config(Section):
                 (f"design_requests {request.name}", request.stiffness_set_1),
                 (f"design_requests {request.name}", request.stiffness_set_2),
             ]
-        unknown = [f"{key} names {name}" for key, name in uses
-                   if name is not None and name not in self.stiffness_sets]
+        unknown = [
+            f"{key} names {name}"
+            for key, name in uses
+            if name is not None and name not in self.stiffness_sets
+        ]
         if unknown:
             raise ValueError(
                 f"unknown stiffness set: {'; '.join(unknown)}; known: "
@@ -333,8 +340,7 @@ class Config(Section):
 
 
 CELL_NUMERICS = {
-    "coupling", "kernel_points", "edge_to_spacing", "friction_nN_s_per_m", "vertex_mass_pg",
-    "contact_range_um",
+    "coupling", "kernel_points", "edge_to_spacing", "friction_nN_s_per_m", "contact_range_um",
 }  # fmt: skip
 """The numerics that a flow without cell does not depend on."""
 
@@ -496,7 +502,8 @@ def validate(model: type[Section], values: Mapping) -> Any:
     except ValidationError as error:
         problems = [_problem(model, details) for details in error.errors()]
     raise DldsimError(
-        "The configuration cannot be used:\n" + "\n".join(problems)
+        "The configuration cannot be used:\n"
+        + "\n".join(problems)
         + "\nCorrect it in config.yaml or on the command line."
     )
 
@@ -579,8 +586,12 @@ def _allowed(model: type[Section], loc: tuple, details: Mapping) -> str:
         names = {int: "whole number", float: "number", str: "text", bool: "true or false"}
         text = names.get(annotation, "")
     signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
-    ranges = [f"{sign} {getattr(m, key)}" for m in limits for key, sign in signs.items()
-              if getattr(m, key, None) is not None]
+    ranges = [
+        f"{sign} {getattr(m, key)}"
+        for m in limits
+        for key, sign in signs.items()
+        if getattr(m, key, None) is not None
+    ]
     text = " ".join(filter(None, [text, " and ".join(ranges)])) or details["msg"]
     if details["type"] == "too_short":
         text = f"at least {details['ctx']['min_length']} of"
@@ -603,7 +614,9 @@ def json_schema() -> dict:
         "description": "named overlays of the sections above",
         "type": "object",
         "additionalProperties": {
-            "type": "object", "properties": sections, "additionalProperties": False,
+            "type": "object",
+            "properties": sections,
+            "additionalProperties": False,
         },
     }
     return schema

@@ -19,7 +19,7 @@ from dldsim.units import Units
 Progress = Callable[[str], None] | None
 
 STUCK_ROWS = 3.0
-"""A cell that needs longer than the mean flow for this many rows to cross a tenth of one is stuck."""
+"""A cell is stuck if the mean flow passes this many rows while it crosses less than a tenth of one."""
 RELEASE_CLEARANCE = 0.5
 """Least distance, in nodes, between membrane and solids at release."""
 

@@ -201,7 +201,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _real("release_position_um", "µm", "release, from the first possible position"),
         *_STATUS,
         *_nullable(
-            _real("deformation_index", "1", "mean while the centre is in the throat"),
+            _real("deformation_index", "1", "with the centre in the middle of the throat"),
             _real("deformation_index_max", "1", "largest on the way"),
             _real("throat_d_um", "µm", "extent along the flow at the throat's centre"),
             _real("throat_h_um", "µm", "extent across the flow at the throat's centre"),

@@ -12,8 +12,6 @@ import numpy as np
 
 REPEAT_WITHIN = 0.25
 """Every position of a repeating orbit returns to within this fraction of the row shift."""
-ROWS_OF_EVIDENCE = 5
-"""An orbit is believed after at least this many rows (and three returns)."""
 BUMP_FROM, ZIGZAG_TO = 0.9, 0.1
 """Shares of the full bump displacement that separate bump, mixed and zigzag mode."""
 
@@ -41,17 +39,19 @@ class Orbit:
 
 
 def find_orbit(
-    lateral: np.ndarray, row_shift: float, pitch: float, tolerance: float, longest: int
+    lateral: np.ndarray, pitch: float, periodicity: int, tolerance: float
 ) -> Orbit | None:
     """Shortest orbit on which the path has settled, or None.
 
     ``lateral`` (rows + 1,): positions at the crossings. The position in the frame of the pillars,
-    modulo the pitch, must return after p rows, max(3, 5/p) times running, each time within a
-    quarter of the row shift; its mean drift per row must stay below ``tolerance`` row shifts.
+    modulo the pitch, must return after p rows, p up to 2 N_p: at every row of one array period and
+    three times running at least, each time within a quarter of the row shift. Its mean drift per
+    row must stay below ``tolerance`` row shifts.
     """
+    row_shift = pitch / periodicity
     framed = lateral - row_shift * np.arange(len(lateral))
-    for p in range(1, longest + 1):
-        returns = max(3, math.ceil(ROWS_OF_EVIDENCE / p))
+    for p in range(1, 2 * periodicity + 1):
+        returns = max(3, periodicity + 1 - p)
         if len(framed) < returns + p:
             return None
         change = framed[-returns:] - framed[-returns - p : -p]
@@ -100,13 +100,12 @@ def analyse_path(
     motion repeats: the drift on an orbit, else the change against the rows before.
     """
     rows = len(lateral) - 1
-    shift = pitch / periodicity
     steps = np.diff(lateral)
     first = angle_deg(lateral, periodicity, pitch, periodicity) if rows >= periodicity else None
-    orbit = find_orbit(lateral, shift, pitch, tolerance, 2 * periodicity)
+    orbit = find_orbit(lateral, pitch, periodicity, tolerance)
     if orbit:
-        window = orbit.rows * math.ceil(ROWS_OF_EVIDENCE / orbit.rows)
-        angle = angle_deg(lateral, min(window, rows), pitch)
+        window = orbit.rows * max(1, periodicity // orbit.rows)
+        angle = angle_deg(lateral, window, pitch)
         sigma = math.degrees(math.atan(abs(orbit.drift) / periodicity))
         status = "converged" if orbit.rows == 1 else "periodic"
         reason = (
