@@ -1,4 +1,4 @@
-"""dldsim: deformable cells in deterministic lateral displacement arrays, from simulation to design."""
+"""Deformable cells in deterministic lateral displacement arrays, from simulation to design."""
 
 __version__ = "0.1.0"
 

@@ -100,7 +100,7 @@ def advance_to_steady(fluid: Fluid, length: float, progress=None) -> None:
     """
     chunk = 2 * max(25, int(length**2 / viscosity(fluid.relaxation_time) / 8))
     tolerance = STEADY_TOLERANCE[fluid.dtype.name]
-    before = np.zeros(3)
+    before, told = np.zeros(3), time.perf_counter()
     while fluid.steps < MAX_STEPS:
         fluid.advance(chunk)
         mean = fluid.mean_velocity()
@@ -110,8 +110,12 @@ def advance_to_steady(fluid: Fluid, length: float, progress=None) -> None:
                 "numerics.relaxation_time or lower numerics.velocity_lu."
             )
         change = np.abs(mean - before).max()
-        if progress:
-            progress(f"empty flow: step {fluid.steps}, mean velocity {mean[0]:.3e} (lattice units)")
+        if progress and time.perf_counter() - told > 1:
+            told = time.perf_counter()
+            progress(
+                f"flow without a cell: step {fluid.steps:,}, mean velocity still changes by "
+                f"{change / np.abs(mean).max():.1e} in {chunk} steps"
+            )
         if change <= tolerance * np.abs(mean).max():
             return
         before = mean

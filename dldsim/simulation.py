@@ -19,7 +19,7 @@ from dldsim.units import Units
 Progress = Callable[[str], None] | None
 
 STUCK_ROWS = 3.0
-"""A cell is stuck if the mean flow passes this many rows while it crosses less than a tenth of one."""
+"""A cell is stuck if it crosses less than a tenth of a row while the mean flow passes this many."""
 RELEASE_CLEARANCE = 0.5
 """Least distance, in nodes, between membrane and solids at release."""
 
@@ -268,7 +268,9 @@ def make_scene(
         mobility, np.array([numerics.velocity_lu, 0.0]),
     )  # fmt: skip
     gap = array.pitch - 2 * array.radius
-    lateral = array.pitch / 2 + array.radius + cell.release_gap_fraction * gap
+    # Midway between rows -1 and 0 the gap is displaced by half a row shift.
+    middle = array.pitch / 2 - array.row_shift / 2
+    lateral = middle + array.radius + cell.release_gap_fraction * gap
     scene.place([0.0, lateral, array.height / 2])
     free = scene.sample().clearance
     if free < RELEASE_CLEARANCE:

@@ -161,7 +161,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
             _real("mach_max", "1", "largest Mach number"),
         ),
         _real("confinement", "1", "2R/P_g"),
-        *_nullable(_real("lateral_flux_ratio", "1", "lateral / axial flux of the empty array")),
+        *_nullable(_real("lateral_flux_ratio", "1", "lateral / axial flux, mean over the run")),
         *_DRIFT,
         *_nullable(
             _real("min_clearance_um", "µm", "least distance of membrane and solid"),

@@ -71,9 +71,11 @@ def constriction_settings(wildcards):
         "group": CONFIG.constriction_groups[group].model_dump(mode="json"),
         "constriction": channel,
         "release_position_um": positions[position],
-        "cell": CONFIG.cell.model_dump(mode="json", exclude={"release_gap_fraction"}),
+        "cell": CONFIG.cell.model_dump(mode="json", exclude={"axis", "release_gap_fraction"}),
         "flow": CONFIG.flow.model_dump(mode="json", include={"viscosity_mPa_s"}),
-        "numerics": CONFIG.numerics.model_dump(mode="json", exclude={"rows", "lanes"}),
+        "numerics": CONFIG.numerics.model_dump(
+            mode="json", exclude={"spacing_um", "bounce_back", "rows", "lanes"}
+        ),
         "physics_version": PHYSICS_VERSION,
     }
 
