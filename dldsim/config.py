@@ -136,13 +136,13 @@ class RunControl(Section):
 class Constriction(Section):
     """Channel with a slit throat in which the deformation index is measured."""
 
-    spacing_um: float = Field(0.75, gt=0, description="largest lattice spacing wanted")
+    spacing_um: float = Field(1.0, gt=0, description="largest lattice spacing wanted")
     width_um: float = Field(30.0, gt=0, description="channel width away from the throat")
-    throat_width_um: float = Field(6.0, gt=0, description="width of the throat")
+    throat_width_um: float = Field(8.0, gt=0, description="width of the throat")
     throat_length_um: float = Field(40.0, gt=0, description="length of the throat")
     taper_length_um: float = Field(10.0, ge=0, description="length of each taper")
     approach_length_um: float = Field(26.0, gt=0, description="straight part on each side")
-    height_um: float = Field(10.0, gt=0, description="channel height")
+    height_um: float = Field(12.0, gt=0, description="channel height")
     axis: Literal["x", "y", "z"] = Field(
         "z", description="direction of the cell's symmetry axis at release (z: seen face on)"
     )

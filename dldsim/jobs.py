@@ -257,7 +257,7 @@ def warm_cache(settings: Mapping, stamp_file: Path, progress: Progress) -> None:
     numerics = Numerics(**settings["numerics"] | {"spacing_um": 2.5, "rows": 1, "lanes": 1})
     stiffness = Stiffness(**settings["stiffness"])
     geometry = Geometry(pillar_radius_um=5, gap_um=20, periodicity=4)
-    channel = Constriction(**settings["constriction"])
+    channel = Constriction(**settings["constriction"] | {"spacing_um": 2.0})
     group = ConstrictionGroup(stiffness=stiffness, velocity_mm_s=flow.mean_velocity_mm_s)
     try:
         from dldsim.constriction import simulate_constriction
