@@ -17,6 +17,7 @@ from dldsim import __version__
 from dldsim.config import (
     Cell,
     Config,
+    Constriction,
     ConstrictionGroup,
     DesignRequest,
     Flow,
@@ -131,11 +132,11 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """One cell through the constriction channel."""
     config = _campaign(args.config)
     name, group = _constriction_group(config, args)
-    channel = config.constriction
+    channel = _section(Constriction, config, args)
     release = args.release_position_um
     if release is None:
         release = channel.release_positions_um[0]
-    sections = [_section(model, config, args) for model in (Cell, Flow, Numerics)]
+    sections = [config.cell, config.flow, _channel_numerics(config, args)]
     from dldsim import jobs
     from dldsim.constriction import simulate_constriction
 
@@ -229,6 +230,15 @@ def _section(model: type[Section], config: Config | None, args: argparse.Namespa
     if config is not None:
         [base] = [s.model_dump() for _, s in config if type(s) is model]
     return validate(model, base | _given(model, args))
+
+
+NOT_IN_CHANNEL = ("spacing_um", "bounce_back", "rows", "lanes")
+"""Numerics of arrays; the channel has a spacing of its own."""
+
+
+def _channel_numerics(config: Config, args: argparse.Namespace) -> Numerics:
+    given = {k: v for k, v in _given(Numerics, args).items() if k not in NOT_IN_CHANNEL}
+    return validate(Numerics, config.numerics.model_dump() | given)
 
 
 def _geometry(args: argparse.Namespace) -> Geometry:
@@ -384,8 +394,8 @@ def _parser() -> argparse.ArgumentParser:
     channel.add_argument("--release-position-um", type=float, metavar="µm",
                          help="release along the flow, from the first possible position; "
                               "default: the first of constriction.release_positions_um")
-    _add_fields(channel, "cell", Cell)
-    _add_fields(channel, "numerics", Numerics)
+    _add_fields(channel, "channel", Constriction, without={"release_positions_um"})
+    _add_fields(channel, "numerics", Numerics, without={*NOT_IN_CHANNEL})
     _add_config(channel)
     channel.add_argument("--out", type=Path, metavar="DIR",
                          help="write its row and its trajectory there, as Parquet")
@@ -453,9 +463,10 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
                              "present, else the defaults above")
 
 
-def _add_fields(parser: argparse.ArgumentParser, title: str, model: type[Section]) -> None:
+def _add_fields(parser: argparse.ArgumentParser, title: str, model: type[Section],
+                without: Iterable[str] = ()) -> None:
     group = parser.add_argument_group(title)
-    for key in model.model_fields:
+    for key in [key for key in model.model_fields if key not in without]:
         _add_option(group, model, key, "--cell-shape" if key == "shape" else None)
 
 

@@ -126,7 +126,7 @@ class Numerics(Section):
 class RunControl(Section):
     """When a run records and when it stops."""
 
-    max_rows: int = Field(40, ge=2, description="most rows that a cell is followed")
+    max_rows: int = Field(60, ge=2, description="most rows that a cell is followed")
     orbit_tolerance: float = Field(
         0.03, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
     )

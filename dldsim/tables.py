@@ -87,7 +87,7 @@ _POSITION = (
     _real("t_ms", "ms", "physical time since release"),
     _real("x_um", "µm", "centre of mass along the flow, unwrapped"),
     _real("y_um", "µm", "centre of mass across the flow, unwrapped"),
-    _real("z_um", "µm", "centre of mass above the channel floor"),
+    _real("z_um", "µm", "centre of mass above mid-height"),
 )
 _RATIOS = (
     _real("volume_ratio", "1", "cell volume / volume at rest"),
@@ -134,9 +134,9 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _STATUS[1],
         _text("mode", "bump, zigzag, mixed or none"),
         *_nullable(
-            _real("migration_angle_deg", "°", "migration angle θ_m; not converged: last N_p rows"),
-            _real("first_period_angle_deg", "°", "angle of the first period after release"),
-            _real("sigma_num_deg", "°", "numerical uncertainty of the migration angle"),
+            _real("migration_angle_deg", "°", "migration angle θ_m; not converged: second half"),
+            _real("first_period_angle_deg", "°", "angle of the first N_p rows after release"),
+            _real("sigma_num_deg", "°", "how well the motion repeats; not yet the lattice's share"),
         ),
         _real("bump_angle_deg", "°", "angle of full bump mode, atan(1/N_p)"),
         _count("rows_completed", "rows passed"),

@@ -22,7 +22,8 @@ def row_crossings(x: np.ndarray, y: np.ndarray, first: float, pitch: float) -> n
     ``x`` increases on the whole; each plane is taken at its first crossing, linearly interpolated.
     """
     ahead = np.maximum.accumulate(x)
-    planes = first + pitch * np.arange(int((ahead[-1] - first) // pitch) + 1)
+    planes = first + pitch * np.arange((ahead[-1] - first) / pitch + 2)
+    planes = planes[planes <= ahead[-1]]
     after = np.searchsorted(ahead, planes)
     before = np.maximum(after - 1, 0)
     width = x[after] - x[before]
@@ -43,15 +44,15 @@ def find_orbit(
 ) -> Orbit | None:
     """Shortest orbit on which the path has settled, or None.
 
-    ``lateral`` (rows + 1,): positions at the crossings. The position in the frame of the pillars,
-    modulo the pitch, must return after p rows, p up to 2 N_p: at every row of one array period and
-    three times running at least, each time within a quarter of the row shift. Its mean drift per
-    row must stay below ``tolerance`` row shifts.
+    ``lateral`` (rows + 1,): positions at the crossings. In the frame of the pillars, modulo the
+    pitch, every position of the last p rows, and of the last array period, must be that of p rows
+    before within a quarter of the row shift; the mean drift per row must stay below ``tolerance``
+    row shifts.
     """
     row_shift = pitch / periodicity
     framed = lateral - row_shift * np.arange(len(lateral))
-    for p in range(1, 2 * periodicity + 1):
-        returns = max(3, periodicity + 1 - p)
+    for p in range(1, len(lateral) // 2 + 1):
+        returns = max(p, periodicity)
         if len(framed) < returns + p:
             return None
         change = framed[-returns:] - framed[-returns - p : -p]
@@ -96,8 +97,8 @@ def analyse_path(
     """Migration of a cell from its lateral positions at the row crossings (rows + 1,).
 
     Status "converged" (repeats every row), "periodic" (every p rows) or "period_limit" (does not
-    repeat; the angle is that of the last N_p rows). ``sigma_num_deg`` covers only how well the
-    motion repeats: the drift on an orbit, else the change against the rows before.
+    repeat; the angle is that of the second half, at least N_p rows). ``sigma_num_deg`` covers only
+    how well the motion repeats: the drift on an orbit, else the change against the rows before.
     """
     rows = len(lateral) - 1
     steps = np.diff(lateral)
@@ -113,12 +114,13 @@ def analyse_path(
             f"{abs(orbit.drift):.3f} row shifts per row"
         )
     elif rows >= periodicity:
-        angle = angle_deg(lateral, periodicity, pitch)
-        back = min(periodicity, rows - periodicity)
-        before = angle_deg(lateral, back, pitch, rows - periodicity) if back else None
+        window = max(periodicity, rows // 2)
+        angle = angle_deg(lateral, window, pitch)
+        back = min(window, rows - window)
+        before = angle_deg(lateral, back, pitch, rows - window) if back else None
         sigma = None if before is None else abs(angle - before)
         status = "period_limit"
-        reason = f"the motion did not repeat in {rows} rows; angle of the last {periodicity} rows"
+        reason = f"the motion did not repeat in {rows} rows; angle of the last {window} rows"
     else:
         return Migration(
             "period_limit", f"only {rows} rows, fewer than one period of {periodicity}", "none",
