@@ -215,11 +215,11 @@ def volume_stiffness(kv: float, area: float, volume: float) -> float:
     """Volume constant k_v that the explicit step can carry, lattice units.
 
     The volume oscillates against the fluid in the kernel, a layer about one node thick, with
-    ω² = k_v A/V; leapfrog needs ω² < 4, and the weakly compressible fluid (bulk modulus 1/3) asks
-    for less. Inside an impermeable membrane the fluid already keeps the volume: k_v only answers
-    numerical leakage, whose size each run records, and is limited to ω² = 1/2.
+    ω² = k_v A/V; leapfrog needs ω² < 4, and a fluid that is compressible itself (bulk modulus 1/3)
+    less. Inside an impermeable membrane the fluid already keeps the volume: k_v only answers
+    numerical leakage, whose size each run records, and is limited to ω² = 1.
     """
-    return min(kv, 0.5 * volume / area)
+    return min(kv, volume / area)
 
 
 def vertex_mass(friction: float, moduli: Moduli) -> float:
