@@ -162,18 +162,28 @@ def check_stamp(directory: Path) -> None:
 
 
 def closing_sentence(directory: Path) -> str:
-    """Where the results are, and which runs have none."""
-    table = Path(directory) / "runs.csv"
-    if not table.exists():
-        return f"Done: {directory}/"
-    with table.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    broken = [f"{row['run_id']} ({row['status']}: {row['stop_reason']})" for row in rows
-              if row["status"] in ("stuck", "unstable", "failed")]
-    if not broken:
-        return f"Done: {directory}/, all {len(rows)} runs."
-    return (f"Done: {directory}/, but {len(broken)} of {len(rows)} runs have no angle:\n  "
-            + "\n  ".join(broken))
+    """Where the results are, which runs have none, and which validation cases fail."""
+    sentence = f"Done: {directory}/"
+    if rows := _read_csv(Path(directory) / "runs.csv"):
+        broken = [f"{row['run_id']} ({row['status']}: {row['stop_reason']})" for row in rows
+                  if row["status"] in ("stuck", "unstable", "failed")]
+        sentence += f", all {len(rows)} runs." if not broken else (
+            f", but {len(broken)} of {len(rows)} runs have no angle:\n  " + "\n  ".join(broken))
+    if rows := _read_csv(Path(directory) / "validation.csv"):
+        failing = sorted({row["case"] for row in rows if row["passed"] == "false"})
+        cases = len({row["case"] for row in rows})
+        sentence += f"\nValidation: {cases - len(failing)} of {cases} cases pass."
+        if failing:
+            sentence += f" Failing, see {directory}/validation.csv: {', '.join(failing)}."
+    return sentence
+
+
+def _read_csv(path: Path) -> list[dict]:
+    """Rows of a table's CSV twin, none if it does not exist."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 # A crash is an exception in a simulation, as against a physical failure, which is a result. The

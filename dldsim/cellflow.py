@@ -39,7 +39,8 @@ REFERENCE_VERTEX_AREA_UM2 = 490.27 / 1962
 """Membrane area per vertex of the source mesh: friction, mass and contact are given for it."""
 CONTACT_STRENGTH = 1e-4  # nN µm^2.2, per vertex of the source mesh
 CONTACT_EXPONENT = 1.2
-CONTROL_INTERVAL = 20  # steps between corrections of the body force and of staggered momentum
+CONTROL_INTERVAL = 20  # steps between corrections of the body force
+DAMPING_INTERVAL = 200  # steps between dampings of staggered momentum, each half a step of delay
 CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corrected
 
 
@@ -91,10 +92,11 @@ def control_force(velocity, drive, parameters, mean):
 
 @jit
 def advance_no_slip(
-    steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
+    start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
     body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, blend,
 ):  # fmt: skip
-    """An even number of steps with vertices moving with the fluid (Peskin 2002).
+    """An even number of steps, from the even step ``start``, with vertices moving with the fluid
+    (Peskin 2002).
 
     Dashpots act on a running mean of the velocity, of which each step replaces the part ``blend``.
     """
@@ -114,17 +116,19 @@ def advance_no_slip(
             for d in range(3):
                 body.x[i, d] += body.v[i, d]
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
-        if step % CONTROL_INTERVAL == 1:
-            damp_staggered_momentum(f, f_new, parameters[11])
+        if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
             control_force(velocity, drive, parameters, mean)
+        if (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
+            damp_staggered_momentum(f, f_new, parameters[11])
 
 
 @jit
 def advance_dissipative(
-    steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
+    start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
     body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, friction, mass, blend,
 ):  # fmt: skip
-    """An even number of steps with vertices of given mass dragged by the fluid.
+    """An even number of steps, from the even step ``start``, with vertices of given mass dragged by
+    the fluid.
 
     Velocity Verlet; each vertex feels -γ(v - u) and the fluid the opposite (Ahlrichs & Dünweg
     1999), with a running mean of u of which each step replaces the part ``blend``. ``body.force``
@@ -152,9 +156,10 @@ def advance_dissipative(
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-        if step % CONTROL_INTERVAL == 1:
-            damp_staggered_momentum(f, f_new, parameters[11])
+        if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
             control_force(velocity, drive, parameters, mean)
+        if (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
+            damp_staggered_momentum(f, f_new, parameters[11])
 
 
 @jit
@@ -253,6 +258,8 @@ class Sample:
             return "a value is not finite"
         if self.speed_max > 0.35:
             return f"fluid speed {self.speed_max:.2f} exceeds 0.35 (lattice units)"
+        if self.clearance < -1:
+            return f"a vertex is {-self.clearance:.1f} nodes inside a solid"
         if abs(self.volume_ratio - 1) > 0.2:
             return f"cell volume drifted by {self.volume_ratio - 1:+.0%}"
         if abs(self.area_ratio - 1) > 0.5:
@@ -331,8 +338,12 @@ class CellInFlow:
         return len(self.body.x)
 
     def place(self, centre) -> None:
-        """Move the resting cell to ``centre`` (3,) and let it drift with the fluid there."""
-        self.body.x[:] += np.asarray(centre) - self._centroid()
+        """Move the resting cell to ``centre`` (3,), where it takes the velocity of the fluid."""
+        body = self.body
+        body.x[:] += np.asarray(centre) - self._centroid()
+        locate(body.x, self.domain, body.weights.shape[1], body.weights, self.stencil)
+        interpolate(self.fluid.velocity, self.stencil, body.v)
+        body.smooth[:] = body.v
 
     def advance(self, steps: int) -> None:
         """Advance by an even number of steps."""
@@ -343,9 +354,9 @@ class CellInFlow:
             self.scratch, self.stencil, self.domain, self.contact, self.drive, self._mean,
         )  # fmt: skip
         if self.numerics.coupling == "no-slip":
-            advance_no_slip(steps, *state, self.blend)
+            advance_no_slip(self.steps, steps, *state, self.blend)
         else:
-            advance_dissipative(steps, *state, self.friction, self.mass, self.blend)
+            advance_dissipative(self.steps, steps, *state, self.friction, self.mass, self.blend)
         self.steps += steps
 
     def _centroid(self) -> np.ndarray:

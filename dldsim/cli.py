@@ -1,4 +1,4 @@
-"""Commands for one-off use: run, flow, constrict, anova, design, info.
+"""Commands for one-off use: run, flow, constrict, anova, design, validate, info.
 
 Summaries go to standard output, as text or as one JSON object; all else goes to standard error.
 Keys of the summaries are the tables' column names.
@@ -41,6 +41,7 @@ EXAMPLES = {
     "constrict": "python -m dldsim constrict --set 1 --json",
     "anova": "python -m dldsim anova results/runs.parquet",
     "design": "python -m dldsim design --set1 1 --set2 5 --gap-um 14 22 --trials 100",
+    "validate": "python -m dldsim validate square-arrays membrane-forces --out validation.parquet",
     "info": "python -m dldsim info results/runs.parquet",
 }
 UNITS = {
@@ -51,10 +52,13 @@ DEFAULT_CONFIG = Path("config.yaml")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0, 2 (bad input) or 130 (interrupted)."""
+    """Run one command; returns the exit code.
+
+    0; 1 (a validation case fails); 2 (bad input); 130 (interrupted).
+    """
     args = _parser().parse_args(argv)
     try:
-        summary, lines = args.command(args)
+        summary, lines, *code = args.command(args)
     except DldsimError as error:
         sys.stderr.write(f"dldsim {args.name}: {error}\n")
         return 2
@@ -71,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
+    return code[0] if code else 0
 
 
 # ---------------------------------------------------------------------------------------- commands
@@ -184,6 +188,35 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     designs, trials = search_designs(model, [request], calibration, safety, args.seed)
     summary = {"designs": _records(designs), "trials": len(trials), "seed": args.seed}
     return summary, _frame_lines(designs)
+
+
+def run_validation(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
+    """Validation cases; the exit code is 1 if one of them fails."""
+    from dldsim.validation import CASES, check_cases, failures, run_case, verdicts
+
+    names = check_cases(args.cases)
+    if args.list:
+        cases = {name: CASES[name]._asdict() for name in names}
+        width = max(map(len, cases))
+        lines = [f"{name:{width}}  {c['group']:8}  {c['title']}" for name, c in cases.items()]
+        return cases, lines, 0
+    rows = []
+    with _progress() as progress:
+        for name in names:
+            progress(f"{name}: {CASES[name].title}")
+            rows += run_case(name, progress)
+    summary = {"cases": verdicts(rows), "rows": rows}
+    if args.out:
+        from dldsim.jobs import provenance
+        from dldsim.tables import write_csv, write_table
+
+        write_table("validation", rows, args.out, provenance({"cases": names}))
+        summary["files"] = [str(args.out), str(write_csv("validation", args.out))]
+    failing = failures(rows)
+    lines = [*_comparison_lines(rows), *_verdict_lines(summary["cases"])]
+    lines += [f"fails: {sentence}" for sentence in failing]
+    lines += [f"note: {note}" for note in dict.fromkeys(r["note"] for r in rows) if note]
+    return summary, lines, int(bool(failing))
 
 
 def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -335,6 +368,55 @@ def _short(value: Any) -> str:
     return str(value)
 
 
+def _columns(columns: Mapping[str, Sequence[str]]) -> list[str]:
+    """Headings and cells in columns as wide as their widest entry, without empty columns."""
+    columns = {heading: cells for heading, cells in columns.items() if any(cells)}
+    widths = [max(map(len, (heading, *cells))) for heading, cells in columns.items()]
+    rows = [columns, *zip(*columns.values(), strict=True)]
+    return ["  ".join(f"{c:{w}}" for c, w in zip(r, widths, strict=True)).rstrip() for r in rows]
+
+
+def _comparison_lines(rows: Sequence[Mapping]) -> list[str]:
+    """A table of the comparisons of each case."""
+    lines = []
+    for name in dict.fromkeys(row["case"] for row in rows):
+        of_case = [row for row in rows if row["case"] == name]
+
+        def cells(key: str, form: str, of_case=of_case) -> list[str]:
+            return ["" if row[key] is None else format(row[key], form) for row in of_case]
+
+        def heading(key: str, of_case=of_case) -> str:
+            """What the column counts, where that is the same in all rows."""
+            meanings = {row[f"{key}_of"] for row in of_case} - {""}
+            return meanings.pop() if len(meanings) == 1 else key
+
+        lines += [f"{name} (reference: {of_case[0]['source']})"]
+        lines += _columns({
+            "quantity": cells("quantity", ""), "variant": cells("variant", ""),
+            heading("parameter"): cells("parameter", "g"),
+            heading("resolution"): cells("resolution", "g"),
+            "reference": cells("reference", ".6g"), "value": cells("value", ".6g"),
+            "unit": cells("unit", ""), "error": cells("relative_error", "+.2e"),
+            "allowed": cells("mark", ".1e"), "order": cells("observed_order", ".1f"),
+            "result": [{True: "passes", False: "FAILS", None: "shown"}[row["passed"]]
+                       for row in of_case],
+        }) + [""]  # fmt: skip
+    return lines
+
+
+def _verdict_lines(cases: Sequence[Mapping]) -> list[str]:
+    return [*_columns({
+        "case": [case["case"] for case in cases],
+        "result": ["passes" if case["failed"] == 0 else "FAILS" for case in cases],
+        "within marks": [f"{case['marked'] - case['failed']} of {case['marked']}"
+                         for case in cases],
+        "largest error / allowed": [
+            "" if case["error_over_mark"] is None else f"{case['error_over_mark']:.2g}"
+            for case in cases],
+        "time [s]": [f"{case['wall_time_s']:.1f}" for case in cases],
+    }), ""]  # fmt: skip
+
+
 def _records(frame) -> list[dict]:
     return json.loads(frame.to_json(orient="records", double_precision=15))
 
@@ -430,6 +512,12 @@ def _parser() -> argparse.ArgumentParser:
     for key in ("model", "card", "calibration"):
         wanted.add_argument(f"--{key}", type=Path, metavar="FILE",
                             help=f"{key} file, instead of the one in the results folder")
+
+    cases = _command(commands, "validate", run_validation, "cases beside reference values")
+    cases.add_argument("cases", nargs="*", metavar="CASE", help="names of cases; default: all")
+    cases.add_argument("--list", action="store_true", help="list the cases and run none")
+    cases.add_argument("--out", type=Path, metavar="FILE.parquet",
+                       help="write the comparisons there, with a CSV twin")
 
     about = _command(commands, "info", info, "columns, units and provenance of a table")
     about.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")

@@ -126,7 +126,7 @@ class Numerics(Section):
 class RunControl(Section):
     """When a run records and when it stops."""
 
-    max_rows: int = Field(60, ge=2, description="most rows that a cell is followed")
+    max_rows: int = Field(50, ge=2, description="most rows that a cell is followed")
     orbit_tolerance: float = Field(
         0.03, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
     )
@@ -234,10 +234,10 @@ class DesignRequest(Section):
     stiffness_set_2: str | None = Field(None, description="instead of deformation_index_2")
     radius_1_um: float = Field(7.5, gt=0, description="radius of the first cell type")
     radius_2_um: float = Field(7.5, gt=0, description="radius of the second cell type")
-    pillar_radius_um: Bounds = Field((5.0, 10.0), description="lowest and highest pillar radius")
-    gap_um: Bounds = Field((14.0, 22.0), description="lowest and highest gap")
+    pillar_radius_um: Bounds = Field((4.0, 12.0), description="lowest and highest pillar radius")
+    gap_um: Bounds = Field((12.0, 22.0), description="lowest and highest gap")
     periodicity: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(le=100)]] = Field(
-        (4, 10), description="lowest and highest periodicity"
+        (4, 12), description="lowest and highest periodicity"
     )
     trials: int = Field(100, ge=1, description="trials of the search, 50 to 200 are typical")
     startup_trials: int = Field(20, ge=1, description="random trials before the model guides")

@@ -49,7 +49,7 @@ class Channel:
 def make_channel(channel: Constriction, numerics: Numerics) -> Channel:
     """Lay the channel on a lattice that divides the throat into an even number of nodes.
 
-    Raises DldsimError if the throat is not narrower than the channel.
+    Raises DldsimError if the throat is not narrower than the channel, or the height too small.
     """
     if channel.throat_width_um >= channel.width_um:
         raise DldsimError(
@@ -60,6 +60,11 @@ def make_channel(channel: Constriction, numerics: Numerics) -> Channel:
     spacing = channel.throat_width_um / throat_width
     width = 2 * round(channel.width_um / spacing / 2)
     height = round(channel.height_um / spacing)
+    if height < 4:
+        raise DldsimError(
+            f"constriction.height_um = {channel.height_um:g} holds fewer than 4 nodes of "
+            f"{spacing:.3g} µm; raise it or refine constriction.spacing_um."
+        )
     approach = channel.approach_length_um / spacing
     taper = channel.taper_length_um / spacing
     throat = channel.throat_length_um / spacing

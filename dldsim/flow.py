@@ -203,7 +203,7 @@ class EmptyFlow:
             with np.load(path) as data:
                 arrays = {n: data[n] for n in data.files if n != "meta"}
                 meta = json.loads(str(data["meta"]))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (OSError, TypeError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise DldsimError(
                 f"{path} is not a flow file of dldsim or is damaged ({error}). "
                 "Delete it and run snakemake again."

@@ -61,8 +61,38 @@ def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLatti
         )
     pitch = shift * geometry.periodicity
     radius = geometry.pillar_radius_um / spacing
-    nx, ny = numerics.rows * pitch, numerics.lanes * pitch
-    x, y = np.meshgrid(np.arange(nx) + 0.5, np.arange(ny) + 0.5, indexing="ij")
+    walls = flow.height_um > 0
+    height = max(1, round(flow.height_um / spacing))
+    if walls and height < 4:
+        raise DldsimError(
+            f"height_um = {flow.height_um:g} holds fewer than 4 nodes of {spacing:.3g} µm; "
+            "refine numerics.spacing_um, or set height_um to 0 for the two-dimensional limit."
+        )
+    lattice = make_pillars(
+        pitch, shift, radius, numerics.rows, numerics.lanes, height, walls=walls,
+        bounce_back=numerics.bounce_back, precision=numerics.precision,
+    )  # fmt: skip
+    return ArrayLattice(
+        spacing, pitch, shift, radius, numerics.rows, numerics.lanes, height, lattice
+    )
+
+
+def make_pillars(
+    pitch: int,
+    shift: int,
+    radius: float,
+    rows: int = 1,
+    lanes: int = 1,
+    height: int = 1,
+    *,
+    walls: bool = False,
+    bounce_back: str = "interpolated",
+    precision: str = "float64",
+) -> Lattice:
+    """Lattice of ``rows`` × ``lanes`` pillars, lengths in nodes; ``shift`` 0 is a square array."""
+    x, y = np.meshgrid(
+        np.arange(rows * pitch) + 0.5, np.arange(lanes * pitch) + 0.5, indexing="ij"
+    )
     dx, dy = offset_from_pillar(x, y, pitch, shift)
     solid = dx**2 + dy**2 < radius**2
 
@@ -74,23 +104,13 @@ def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLatti
         a, b, c = cx**2 + cy**2, px * cx + py * cy, px**2 + py**2 - radius**2
         return (-b - np.sqrt(b**2 - a * c)) / a
 
-    walls = flow.height_um > 0
-    height = max(1, round(flow.height_um / spacing))
-    if walls and height < 4:
-        raise DldsimError(
-            f"height_um = {flow.height_um:g} holds fewer than 4 nodes of {spacing:.3g} µm; "
-            "refine numerics.spacing_um, or set height_um to 0 for the two-dimensional limit."
-        )
-    lattice = make_lattice(
+    return make_lattice(
         solid,
         height,
         walls=walls,
-        row_shift=numerics.rows * shift,
-        link_fraction=link_fraction if numerics.bounce_back == "interpolated" else None,
-        dtype=np.dtype(numerics.precision),
-    )
-    return ArrayLattice(
-        spacing, pitch, shift, radius, numerics.rows, numerics.lanes, height, lattice
+        row_shift=rows * shift,
+        link_fraction=link_fraction if bounce_back == "interpolated" else None,
+        dtype=np.dtype(precision),
     )
 
 

@@ -248,6 +248,18 @@ def design_job(settings: Mapping, *, model: Path, card: Path, calibration: Path,
         write_csv(kind, path)
 
 
+def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
+                   progress: Progress) -> None:
+    """Run one validation case and write its rows; a case that raises is counted as a crash."""
+    from dldsim.validation import BROKEN, run_case
+
+    rows = run_case(case, progress)
+    if rows[-1]["quantity"] == BROKEN:
+        progress(rows[-1]["note"])
+        campaign.record_crash(crashes, case, rows[-1]["note"])
+    write_table("validation", rows, table, provenance(settings))
+
+
 def warm_cache(settings: Mapping, stamp_file: Path, progress: Progress) -> None:
     """Compile every kernel once, by a short coarse run of each scene, and stamp the folder.
 

@@ -44,7 +44,8 @@ _ZERO, _ONE = np.uint64(0), np.uint64(1)
 class Streaming(NamedTuple):
     """Where each population of the next step comes from; arrays are grouped by block.
 
-    ``copy_*``: runs (source element, buffer position, length). ``patch_*``: single elements.
+    ``copy_*``: runs (source element, buffer position, length). ``patch_*``: single elements, with
+    what a moving wall adds to them.
     ``blend_*``: runs to which the weighted difference of two sources is added (interpolated
     bounce-back). ``*_start``: first entry
     of each block, one entry more than there are blocks.
@@ -62,6 +63,7 @@ class Streaming(NamedTuple):
     patch_start: np.ndarray
     patch_source: np.ndarray
     patch_target: np.ndarray
+    patch_addend: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,7 @@ def make_lattice(
     walls: bool,
     row_shift: int = 0,
     link_fraction=None,
+    wall_velocities=(0.0, 0.0),
     dtype=np.float32,
 ) -> Lattice:
     """Number the fluid columns and build the streaming table.
@@ -119,7 +122,8 @@ def make_lattice(
     ``solid`` (nx, ny) bool. ``link_fraction(ix, iy, cx, cy)``: distance of the surface from column
     centres along the link, in links (0 to 1), for interpolated bounce-back: the central linear
     scheme (CLI) of Ginzburg et al. (2008), whose wall does not move with viscosity. None gives
-    half-way bounce-back, which CLI falls back to where the node behind is not fluid. Raises
+    half-way bounce-back, which CLI falls back to where the node behind is not fluid.
+    ``wall_velocities``: velocity along x of the plates at z = 0 and z = nz (Ladd 1994). Raises
     DldsimError if no fluid is left.
     """
     nx, ny = solid.shape
@@ -145,6 +149,11 @@ def make_lattice(
         else:
             exact = q * stride + source_column[:, None] * nz + zs % nz
         run = q * stride + source_column[:, None] * nz + zs  # as if every column went on forever
+        moving = np.zeros(exact.shape)
+        if walls:
+            for plate, velocity in zip((0, nz - 1), wall_velocities, strict=True):
+                if not inside[plate]:
+                    moving[:, plate] = 6 * WEIGHTS[q] * cx * velocity
         exact[bounced] = opposite[bounced]
         run[bounced] = opposite[bounced]
         behind_element = np.full(run.shape, -1)
@@ -162,7 +171,7 @@ def make_lattice(
             element = OPPOSITE[q] * stride + behind[:, None] * nz + zb
             behind_element = np.where(reachable, element, -1)
         runs.append(run.ravel())
-        exacts.append(exact.ravel())
+        exacts.append((exact.ravel(), moving.ravel()))
         blends.append((behind_element.ravel(), q * stride + own.ravel(), np.repeat(weight, nz)))
     streaming = _compress(runs, exacts, blends, nodes, block, dtype)
     return Lattice(nx, ny, nz, row_shift, walls, column, stride, streaming)
@@ -171,8 +180,8 @@ def make_lattice(
 def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
     """Turn element-wise sources into runs, patches and blends, sorted by block.
 
-    Per direction: ``runs`` source if columns went on for ever, ``exacts`` source, ``blends``
-    (source behind or -1, own source, weight) of the interpolation added to it.
+    Per direction: ``runs`` source if columns went on for ever, ``exacts`` (source, addend of a
+    moving wall), ``blends`` (source behind or -1, own source, weight) of the interpolation added.
     """
     node = np.arange(nodes)
     new_block = node % block == 0
@@ -184,8 +193,9 @@ def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
         length = np.diff(np.append(start, nodes))
         copy.append((start // block, runs[q][start], target[start], length))
 
-        odd = runs[q] != exacts[q]
-        patch.append((node[odd] // block, exacts[q][odd], target[odd]))
+        exact, moving = exacts[q]
+        odd = runs[q] != exact
+        patch.append((node[odd] // block, exact[odd], target[odd], moving[odd]))
 
         behind, own, weight = blends[q]
         blended = behind >= 0
@@ -207,8 +217,8 @@ def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
         return [start.astype(np.uint64)] + [c[order] for c in columns[1:]]
 
     copy, blend, patch = by_block(copy), by_block(blend), by_block(patch)
-    index = [a.astype(np.uint64) for a in (*copy, *blend[:4], *patch)]
-    return Streaming(*index[:8], blend[4].astype(dtype), *index[8:])
+    index = [a.astype(np.uint64) for a in (*copy, *blend[:4], *patch[:3])]
+    return Streaming(*index[:8], blend[4].astype(dtype), *index[8:], patch[3].astype(dtype))
 
 
 @jit
@@ -219,7 +229,7 @@ def _gather(block, f, s, buf):
         for i in range(s.copy_length[e]):
             buf[b + i] = f[a + i]
     for e in range(s.patch_start[block], s.patch_start[block + _ONE]):
-        buf[s.patch_target[e]] = f[s.patch_source[e]]
+        buf[s.patch_target[e]] = f[s.patch_source[e]] + s.patch_addend[e]
     for e in range(s.blend_start[block], s.blend_start[block + _ONE]):
         a, a2, b = s.blend_source[e, 0], s.blend_source[e, 1], s.blend_target[e]
         w = s.blend_weight[e]

@@ -16,6 +16,9 @@ S and V the total area and volume, and ₀ for the rest state:
 - viscosity k_visc: k_visc [(v_B − v_A)·d] d/|d|² on end A of an edge AB, d = x_B − x_A; nothing
   for rigid motion, translation or rotation
 
+
+Instead of springs: a neo-Hookean or Skalak membrane, see :mod:`dldsim.finite_element`.
+
 No term exerts a net force or torque.
 """
 
@@ -27,12 +30,17 @@ import numpy as np
 from dldsim import mesh
 from dldsim._numba import jit
 from dldsim.errors import DldsimError
+from dldsim.finite_element import add_neo_hookean_forces, add_skalak_forces, in_plane_energy
 
 ARCTAN_TERMS = 18
 
 
 class Moduli(NamedTuple):
-    """Coefficients in one consistent system of units; a zero skips its term."""
+    """Coefficients in one consistent system of units; a zero skips its term.
+
+    ``neo_hookean``, ``skalak``: surface shear modulus of a continuous membrane, with the latter's
+    area constant C.
+    """
 
     ks: float
     kb: float
@@ -40,6 +48,9 @@ class Moduli(NamedTuple):
     kag: float
     kv: float
     kvisc: float
+    neo_hookean: float = 0.0
+    skalak: float = 0.0
+    skalak_c: float = 1.0
 
 
 class Membrane(NamedTuple):
@@ -70,7 +81,7 @@ class Scratch(NamedTuple):
 
 
 class Energies(NamedTuple):
-    """Elastic energy of each term."""
+    """Elastic energy of each term; ``stretching`` is that of springs or continuous membrane."""
 
     stretching: float
     bending: float
@@ -144,6 +155,10 @@ def elastic_forces(x, v, membrane, moduli, scratch, force):
     force[:] = 0.0
     if moduli.ks != 0 or moduli.kvisc != 0:
         add_edge_forces(x, v, membrane, moduli.ks, moduli.kvisc, force)
+    if moduli.neo_hookean != 0:
+        add_neo_hookean_forces(x, membrane, moduli.neo_hookean, force)
+    if moduli.skalak != 0:
+        add_skalak_forces(x, membrane, moduli.skalak, moduli.skalak_c, force)
     if moduli.kb != 0 or moduli.kal != 0 or moduli.kag != 0 or moduli.kv != 0:
         area, volume = measure_faces(x, membrane.faces, scratch.area_vectors)
     if moduli.kb != 0:
@@ -348,8 +363,13 @@ def energy_terms(x, membrane, moduli, scratch):
         n = scratch.area_vectors[f]
         face_area = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
         local_area += face_area - rest - rest * log(face_area / rest)
+    stretching *= moduli.ks
+    if moduli.neo_hookean != 0 or moduli.skalak != 0:
+        stretching += in_plane_energy(
+            x, membrane, moduli.neo_hookean, moduli.skalak, moduli.skalak_c
+        )
     return (
-        moduli.ks * stretching,
+        stretching,
         moduli.kb / 2 * bending,
         moduli.kal / 2 * local_area,
         moduli.kag / 4 * (area - membrane.rest_area) ** 2 / membrane.rest_area,

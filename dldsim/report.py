@@ -23,6 +23,7 @@ from dldsim import figures
 from dldsim.campaign import settings_hash
 from dldsim.errors import DldsimError
 from dldsim.tables import atomic_path, read_table
+from dldsim.validation import CASES, verdicts
 
 TABLES = {
     "runs": ("runs.parquet", "runs"),
@@ -37,6 +38,7 @@ TABLES = {
     "predictions": ("predictions.parquet", "benchmark"),
     "designs": ("designs.parquet", "designs"),
     "design_trials": ("design_trials.parquet", "designs"),
+    "validation": ("validation.parquet", "validation"),
 }
 """Table kind: file in the results folder, rule that makes it."""
 REQUIRED = ("runs",)
@@ -858,6 +860,114 @@ def _numerics(campaign: Campaign) -> str:
     ])
 
 
+def _validation(campaign: Campaign) -> str:
+    if "validation" not in campaign:
+        return campaign.absent("validation")
+    table = campaign["validation"]
+    present = set(table.loc[table["relative_error"].notna(), "case"])
+    parts = [
+        "<p>Cases with a reference that is exact, published, or computed by another method. They "
+        "run apart from this campaign, at the resolutions stated. What each mark allows and why is "
+        "in the description of its case in <code>dldsim/validation_fluid.py</code> and "
+        "<code>dldsim/validation_membrane.py</code>.</p>",
+        _case_table(campaign), _failing_table(campaign),
+    ]
+    if {"square-arrays", "row-shifted-arrays", "duct-poiseuille"} & present:
+        parts.append(campaign.figure(
+            "convergence", figures.draw_convergence(table),
+            "Error over resolution: every quantity (thin) and their root mean square (thick). "
+            "Surfaces that fit the lattice, and interpolated bounce-back on average, gain with "
+            "order two; half-way bounce-back gains with order one, unsteadily, as the staircase "
+            "changes with the resolution. Measured.", ["validation"],
+        ))
+    if "square-arrays" in present:
+        parts.append(campaign.figure(
+            "square_arrays", figures.draw_square_arrays(table),
+            "Permeability of square arrays of cylinders beside Sangani &amp; Acrivos (1982). "
+            "Dotted: error of a wall out of place by half a node (half-way) or a tenth of one "
+            "(interpolated). Measured.", ["validation"],
+        ))
+    if {"row-shifted-arrays", "finite-height-arrays"} & present:
+        parts.append(campaign.figure(
+            "tilts", figures.draw_tilts(table),
+            "Angle by which the stream leaves the x axis under a force along x, beside independent "
+            "computations; errors at all resolutions on the right. Measured.", ["validation"],
+        ))
+    if "erythrocyte-stretching" in present:
+        parts.append(campaign.figure(
+            "stretching", figures.draw_stretching(table),
+            "Red cell pulled by optical tweezers, no parameter fitted. Bars: bounds of the "
+            "experiment on the side of our value. Lines computed, points from literature (Mills et "
+            "al. 2004, Suresh et al. 2005).", ["validation"],
+        ))
+    return "\n".join(parts)
+
+
+def _case_table(campaign: Campaign) -> str:
+    table = figures.with_levels(campaign["validation"])
+    finest = table[table["finest"] & table["mark"].notna()]
+    cases = verdicts(_records(campaign["validation"]))
+
+    def by_variant(case: str, column: str, what: Callable, form: Callable) -> str:
+        part = finest[(finest["case"] == case) & finest[column].notna()]
+        groups = [(v, p) for v, p in part.groupby("variant") if v in figures.VARIANT_COLOUR]
+        if not groups:
+            return form(what(part[column])) if len(part) else NOT_MEASURED
+        return ", ".join(f"{variant} {form(what(p[column]))}" for variant, p in groups)
+
+    def largest(values) -> float:
+        return float(values.abs().max())
+
+    def percent(value: float) -> str:
+        return f"{number(100 * value, 2)} %"
+
+    names = [case["case"] for case in cases]
+    return campaign.table(
+        {
+            "case": _texts(names),
+            "what": _texts(CASES[name].title if name in CASES else "" for name in names),
+            "reference": _texts(CASES[name].source if name in CASES else "" for name in names),
+            "largest error, finest resolution": [
+                by_variant(name, "relative_error", largest, percent) for name in names],
+            "order": [by_variant(name, "observed_order", np.median, lambda v: fixed(v, 1))
+                      for name in names],
+            "within marks": [f"{case['marked'] - case['failed']} of {case['marked']}"
+                             for case in cases],
+            "result": ["fails" if case["failed"] else "passes" for case in cases],
+            "time [s]": _numbers((case["wall_time_s"] for case in cases), 2),
+        },
+        "Validation cases. Order: median over the quantities, between the two finest resolutions; "
+        "a dash where the error is rounding or there is one resolution. Failing cases are shaded.",
+        ["validation"], [case["failed"] > 0 for case in cases],
+    )
+
+
+def _failing_table(campaign: Campaign) -> str:
+    table = campaign["validation"]
+    failing = table[table["passed"].eq(False)]
+    if failing.empty:
+        return "<p>Every case keeps to its marks.</p>"
+    return campaign.table(
+        {
+            "case": _texts(failing["case"]), "quantity": _texts(failing["quantity"]),
+            "variant": _texts(failing["variant"]),
+            "at": [f"{text(name)} {number(value)}" if name else NOT_MEASURED for name, value in zip(
+                failing["parameter_of"], failing["parameter"], strict=True)],
+            "error": [NOT_MEASURED if pd.isna(e) else f"{number(100 * e)} %"
+                      for e in failing["relative_error"]],
+            "allowed": [NOT_MEASURED if pd.isna(m) else f"{number(100 * m)} %"
+                        for m in failing["mark"]],
+            "reason": _texts(failing["note"]),
+        },
+        "Comparisons that miss their mark.", ["validation"],
+    )
+
+
+def _records(table: pd.DataFrame) -> list[dict]:
+    """Rows as dicts, null as None."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")
+
+
 def _all_runs(campaign: Campaign) -> str:
     runs = campaign.runs.sort_values("run_id")
     status = ["not converged" if s == "period_limit" else s for s in runs["status"]]
@@ -894,6 +1004,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Campaign], str]], ...] = (
     ("designs", "Designs", _designs),
     ("flow", "Flow without a cell", _flow),
     ("numerics", "Numerics", _numerics),
+    ("validation", "Validation", _validation),
     ("runs", "All runs", _all_runs),
 )
 

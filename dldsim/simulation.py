@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dldsim.cellflow import CellInFlow, Sample, deformation_index
-from dldsim.config import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config import CELL_NUMERICS, Cell, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError
-from dldsim.flow import EmptyFlow, Fluid, array_of, solve_empty_array
-from dldsim.geometry import ArrayLattice
+from dldsim.flow import EmptyFlow, Fluid, solve_empty_array
+from dldsim.geometry import ArrayLattice, make_array
 from dldsim.trajectory import Migration, analyse_path, row_crossings
 from dldsim.units import Units
 
@@ -113,7 +113,8 @@ def simulate_run(
                           "needs a channel height, at least its own size.")  # fmt: skip
     if empty_flow is None:
         empty_flow = solve_empty_array(geometry, flow, numerics, progress)
-    array = array_of(empty_flow)
+    _check_flow(empty_flow, geometry, flow, numerics)
+    array = make_array(geometry, flow, numerics)
     scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
     units = scene.units
     record = Record(run_id, units, np.array([array.pitch, array.pitch, array.height]) / 2)
@@ -238,6 +239,25 @@ def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> d
     }
 
 
+def _check_flow(
+    empty_flow: EmptyFlow, geometry: Geometry, flow: Flow, numerics: Numerics
+) -> None:
+    """Refuse an empty flow that was solved for anything else than this run's array and drive."""
+    wanted = {
+        **geometry.model_dump(), **flow.model_dump(), **numerics.model_dump(exclude=CELL_NUMERICS)
+    }  # fmt: skip
+    solved = {
+        **empty_flow.geometry.model_dump(), **empty_flow.flow.model_dump(),
+        **empty_flow.numerics.model_dump(),
+    }  # fmt: skip
+    other = [f"{k} = {solved[k]} (run: {v})" for k, v in wanted.items() if solved[k] != v]
+    if other:
+        raise DldsimError(
+            f"The flow without a cell was solved with {', '.join(other)}. Solve it anew for this "
+            "run, or leave it out."
+        )
+
+
 def make_scene(
     array: ArrayLattice,
     empty_flow: EmptyFlow,
@@ -252,10 +272,9 @@ def make_scene(
     """
     units = Units.of(array.spacing_um, flow, numerics)
     fluid = Fluid.of(array.lattice, numerics)
-    if fluid.f.shape != empty_flow.populations.shape:
-        raise DldsimError("The empty flow belongs to another lattice; delete it and run again.")
     fluid.f[:] = empty_flow.populations
     fluid.set_body_force([*empty_flow.body_force, 0.0])
+    fluid.advance(2)
     mobility = empty_flow.mobility
     if flow.drive == "axial":
         mobility = np.diag([mobility[0, 0], np.inf])

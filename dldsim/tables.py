@@ -302,6 +302,29 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _flag("feasible", "whether the constraints hold"),
         _text("reason", "what is violated"),
     ),
+    "validation": (
+        _text("case", "validation case"),
+        _text("group", "fluid or membrane"),
+        _text("quantity", "what is compared"),
+        _text("variant", "what tells rows of one quantity apart, such as the kind of bounce-back"),
+        _text("unit", "unit of value and reference"),
+        _real("parameter", "", "what the quantity is a function of", nullable=True),
+        _text("parameter_of", "name and unit of the parameter"),
+        _real("resolution", "1", "nodes or edges over the length resolution_of", nullable=True),
+        _text("resolution_of", "what the resolution counts"),
+        *_nullable(
+            _real("reference", "", "reference value, in `unit`"),
+            _real("value", "", "our value, in `unit`"),
+            _real("relative_error", "1", "value / reference − 1; of a field: norm of difference"),
+            _real("observed_order", "1", "order of the error since the next coarser resolution; "
+                  "null below rounding and where the error changes its sign"),
+            _real("mark", "1", "allowed size of the relative error; null: shown only"),
+            _flag("passed", "whether the error keeps to the mark; null: shown only"),
+        ),
+        _real("wall_time_s", "s", "time of this comparison"),
+        _text("source", "origin of the reference"),
+        _text("note", "what to know about this row"),
+    ),
 }
 
 

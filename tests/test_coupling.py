@@ -4,7 +4,7 @@ import naive
 import numpy as np
 import pytest
 
-from dldsim.cellflow import CellInFlow
+from dldsim.cellflow import DAMPING_INTERVAL, CellInFlow
 from dldsim.config import Cell, Constriction, Flow, Numerics, Stiffness
 from dldsim.constriction import make_channel
 from dldsim.coupling import (
@@ -194,9 +194,8 @@ def momentum(scene, populations):
 @pytest.mark.parametrize("coupling", COUPLINGS)
 @pytest.mark.parametrize("points", KERNELS)
 def test_every_step_conserves_momentum(coupling, points):
-    # A stretched cell that relaxes, in a flow. After two steps f is the mean of the states after
-    # the second and the first step (damping of the staggered mode) and f_new the first, so that
-    # 2 f - f_new is the second. Forces of order 1 on 250 vertices round to 1e-13 a step.
+    # A stretched cell that relaxes, in a flow. A momentum of order 100 rounds to 1e-14 in each sum.
+    # (The damping of the staggered mode, not reached here, takes half a step's exchange.)
     scene = make_cell(coupling, kernel_points=points)
     x = node_positions(scene.fluid.lattice)
     k = 2 * np.pi / 20
@@ -205,9 +204,9 @@ def test_every_step_conserves_momentum(coupling, points):
     for _ in range(10):
         before = momentum(scene, scene.fluid.f)
         scene.advance(2)
-        after = momentum(scene, 2 * scene.fluid.f - scene.fluid.f_new)
+        after = momentum(scene, scene.fluid.f)
         np.testing.assert_allclose(after, before, rtol=0, atol=1e-11)
-    assert np.abs(scene.body.force).max() > 1e-3
+    assert np.abs(scene.body.force).max() > 1e-4  # which would not pass unnoticed
 
 
 def test_no_slip_coupling_conserves_momentum_over_a_long_run():
@@ -225,7 +224,7 @@ def test_staggered_momentum_does_not_survive_the_time_loop(coupling):
     scene = make_cell(coupling)
     sign = (-1.0) ** np.arange(20)
     set_flow(scene, np.array([0, 0, 0.01])[:, None, None] * np.ones((3, 400, 1)) * sign)
-    scene.advance(40)
+    scene.advance(DAMPING_INTERVAL)
     f = nodes_of(scene.fluid.f, scene.fluid.lattice)[:19]
     alternating = (np.tensordot(VELOCITIES[:, 2], f, (0, 0)) * sign).mean()
     assert abs(alternating) < 1e-3 * 0.01

@@ -9,10 +9,11 @@ PACKAGE = Path(__file__).parents[1] / "dldsim"
 
 FLOORS = [
     {"errors", "_numba"},
-    {"config", "tables", "units", "campaign", "mesh", "trajectory"},
+    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference"},
     {"lattice", "geometry", "membrane", "coupling"},
     {"flow", "scene", "cellflow"},
     {"simulation", "constriction"},
+    {"validation", "validation_fluid", "validation_membrane"},
     {"statistics", "calibration", "surrogate", "design"},
     {"figures", "report"},
     {"jobs"},
@@ -21,7 +22,7 @@ FLOORS = [
 ]
 """From the ground up; a module imports from its own floor and those below."""
 
-LIGHT = {"errors", "config", "campaign", "cli", "__main__"}
+LIGHT = {"errors", "config", "campaign", "reference", "validation", "cli", "__main__"}
 """Read by rule files and at the start of every command: no heavy import at their top."""
 HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
          "xgboost", "matplotlib"}

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from pathlib import Path
 
 import naive_membrane as naive
 import numpy as np
@@ -11,8 +10,9 @@ import pytest
 from dldsim import membrane as mb
 from dldsim import mesh
 from dldsim.errors import DldsimError
+from dldsim.reference import FOLDER
 
-REFERENCE = Path(__file__).parent / "reference" / "membrane_forces"
+REFERENCE = FOLDER / "membrane_forces"
 PARAMETERS = {"ks": 0.0051, "kb": 4.3e-5, "kal": 0.0102, "kag": 0.5, "kv": 0.9, "kvisc": 1.5}
 TERMS = list(PARAMETERS)
 ELASTIC = TERMS[:-1]

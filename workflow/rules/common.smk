@@ -10,6 +10,7 @@ from snakemake.exceptions import WorkflowError
 from dldsim import PHYSICS_VERSION, campaign
 from dldsim.config import CELL_NUMERICS, resolve
 from dldsim.errors import DldsimError
+from dldsim.validation import CASES
 
 RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
@@ -30,6 +31,7 @@ wildcard_constraints:
     geometry=campaign.GEOMETRY_PATTERN,
     run=campaign.RUN_PATTERN,
     constriction=r"[A-Za-z0-9-]+_\d+",
+    case=r"[a-z-]+",
 
 
 def settings_of(*sections):
@@ -84,6 +86,11 @@ def crash_count(wildcards):
     """How often this job has crashed: one more than last time makes Snakemake try again."""
     [identifier] = wildcards
     return campaign.count_crashes(Path(CRASHES), identifier)
+
+
+def made(path):
+    """The file as an input if it exists; what nobody has asked for is not made."""
+    return [path] if Path(path).exists() else []
 
 
 def flow_of_run(wildcards):

@@ -13,6 +13,7 @@ rule report:
         rules.benchmark.output,
         rules.designs.output,
         rules.surrogate.output,
+        made(rules.validation.output.table),
     output:
         f"{RESULTS}/report.html",
     params:
