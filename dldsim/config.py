@@ -279,6 +279,22 @@ class DesignRequest(Section):
         return self.model_copy(update=update)
 
 
+class AccuracyCase(Section):
+    """One run that the accuracy study repeats."""
+
+    geometry: Geometry
+    stiffness_set: str
+
+
+class Accuracy(Section):
+    """Runs and numerical settings of the study of error against run time."""
+
+    cases: dict[Name, AccuracyCase] = Field({}, description="runs by name")
+    knobs: dict[str, Annotated[list[int | float | str], Field(min_length=2)]] = Field(
+        {}, description="keys of numerics, run_control or cell, values from coarse to finest"
+    )
+
+
 class Config(Section):
     """One campaign, every setting in place."""
 
@@ -297,6 +313,7 @@ class Config(Section):
         min_length=1, description="stiffness groups of the calibration by name"
     )
     design_requests: list[DesignRequest] = Field([], description="separations to design for")
+    accuracy: Accuracy = Accuracy()
 
     @model_validator(mode="after")
     def _known_names(self) -> "Config":
@@ -304,6 +321,10 @@ class Config(Section):
         uses += [
             (f"constriction_groups.{group}.stiffness_set", value.stiffness_set)
             for group, value in self.constriction_groups.items()
+        ]
+        uses += [
+            (f"accuracy.cases.{name}", case.stiffness_set)
+            for name, case in self.accuracy.cases.items()
         ]
         for request in self.design_requests:
             uses += [

@@ -134,17 +134,47 @@ def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
     write_table("runs", [{**result.row, **blank}], row, provenance(settings))
 
 
+def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path,
+                 progress: Progress) -> None:
+    """One run of the accuracy study: its row of `runs`."""
+    def simulate() -> None:
+        from dldsim.simulation import simulate_run
+
+        result = simulate_run(
+            Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]),
+            Cell(**settings["cell"]), Flow(**settings["flow"]), Numerics(**settings["numerics"]),
+            RunControl(**settings["run_control"]), run_id=identifier,
+            stiffness_set=settings["stiffness_set"], progress=progress,
+        )  # fmt: skip
+        blank = {"deformation_index": None, "deformation_index_std": None}
+        write_table("runs", [{**result.row, **blank}], row, provenance(settings))
+
+    def give_up(reason: str) -> None:
+        known = _known_of_run(identifier, Geometry(**settings["geometry"]), settings)
+        write_table("runs", [_failed("runs", known, reason)], row, provenance(settings))
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
 def write_failed_run(identifier: str, settings: Mapping, reason: str, row: Path,
                      trajectory: Path) -> None:
     """Write the tables of a run that crashed."""
     run = campaign.parse_run(identifier)
-    geometry, cell = run.geometry, Cell(**settings["cell"])
-    known = {
+    named = {**settings, "stiffness_set": run.stiffness_set}
+    known = _known_of_run(identifier, run.geometry, named)
+    write_table("trajectory", _empty("trajectory"), trajectory, provenance(settings))
+    write_table("runs", [_failed("runs", known, reason)], row, provenance(settings))
+
+
+def _known_of_run(identifier: str, geometry: Geometry, settings: Mapping) -> dict:
+    """Columns of `runs` that do not need a simulation."""
+    cell = Cell(**settings["cell"])
+    return {
         "run_id": identifier,
         **geometry.model_dump(),
         "pitch_um": geometry.pitch_um,
         "row_shift_fraction": geometry.row_shift_fraction,
-        "stiffness_set": run.stiffness_set,
+        "stiffness_set": settings["stiffness_set"],
         "cell_shape": cell.shape,
         "cell_radius_um": cell.radius_um,
         "height_um": settings["flow"]["height_um"],
@@ -159,8 +189,6 @@ def write_failed_run(identifier: str, settings: Mapping, reason: str, row: Path,
         "left_out": "",
         "numerics": json.dumps(settings["numerics"]),
     }
-    write_table("trajectory", _empty("trajectory"), trajectory, provenance(settings))
-    write_table("runs", [_failed("runs", known, reason)], row, provenance(settings))
 
 
 def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,

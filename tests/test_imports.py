@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parents[1] / "dldsim"
 
 FLOORS = [
     {"errors", "_numba"},
-    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference"},
+    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "accuracy"},
     {"lattice", "geometry", "membrane", "coupling"},
     {"flow", "scene", "cellflow"},
     {"simulation", "constriction"},

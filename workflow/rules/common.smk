@@ -7,7 +7,7 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-from dldsim import PHYSICS_VERSION, campaign
+from dldsim import PHYSICS_VERSION, accuracy, campaign
 from dldsim.config import CELL_NUMERICS, resolve
 from dldsim.errors import DldsimError
 from dldsim.validation import CASES
@@ -21,6 +21,7 @@ try:
         campaign.check_stamp(Path(RESULTS))
     GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
     RUNS = [campaign.run_id(r) for r in campaign.runs(CONFIG)]
+    VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
 except DldsimError as error:
     raise WorkflowError(str(error)) from None
 
@@ -31,6 +32,7 @@ wildcard_constraints:
     geometry=campaign.GEOMETRY_PATTERN,
     run=campaign.RUN_PATTERN,
     constriction=r"[A-Za-z0-9-]+_\d+",
+    variant=r"[A-Za-z0-9-]+--[a-z_]+--\d+",
     case=r"[a-z-]+",
 
 
@@ -63,6 +65,11 @@ def run_settings(wildcards):
         **settings_of("cell", "flow", "numerics", "run_control"),
         "stiffness": stiffness.model_dump(mode="json"),
     }
+
+
+def accuracy_settings(wildcards):
+    settings = accuracy.settings_for(accuracy.parse_variant(wildcards.variant), CONFIG)
+    return {**settings, "physics_version": PHYSICS_VERSION}
 
 
 def constriction_settings(wildcards):

@@ -1,0 +1,14 @@
+"""One run of the accuracy study: settings in, run row out."""
+
+from pathlib import Path
+
+from dldsim.jobs import accuracy_job, job_log
+
+with job_log(snakemake.log[0]) as progress:
+    accuracy_job(
+        snakemake.wildcards.variant,
+        snakemake.params.settings,
+        row=Path(snakemake.output.row),
+        crashes=Path(snakemake.params.crash_directory),
+        progress=progress,
+    )
