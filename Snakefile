@@ -24,5 +24,9 @@ rule all:
         "the campaign is complete"
 
 
+onstart:
+    campaign.write_stamp(Path(RESULTS))
+
+
 onsuccess:
     logger.info(campaign.closing_sentence(Path(RESULTS)))

@@ -142,6 +142,15 @@ def stamp() -> dict:
     return {"dldsim_version": __version__, "physics_version": PHYSICS_VERSION}
 
 
+def write_stamp(directory: Path) -> None:
+    """Stamp a results folder with the versions that fill it."""
+    path = Path(directory) / STAMP
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(stamp()) + "\n", encoding="utf-8")
+    part.replace(path)
+
+
 def check_stamp(directory: Path) -> None:
     """Refuse a results folder of another physics version."""
     path = Path(directory) / STAMP

@@ -304,6 +304,21 @@ def convergence(validation: pd.DataFrame) -> pd.DataFrame:
     return means.assign(error=np.sqrt(means["square"])).drop(columns="square")
 
 
+def observed_orders(validation: pd.DataFrame) -> pd.DataFrame:
+    """Order between the coarsest and the finest level of `convergence`; case, variant, order.
+
+    Pooled over the series, since the error of one quantity may pass through zero. Without those
+    that are exact to rounding.
+    """
+    means = convergence(validation)
+    ends = means.groupby(["case", "variant"], sort=False)[["resolution", "error"]].agg(
+        ["first", "last"])
+    ends = ends[ends["error", "last"] > 1e-7]
+    gain = np.log(ends["error", "first"] / ends["error", "last"])
+    order = gain / np.log(ends["resolution", "last"] / ends["resolution", "first"])
+    return order.rename("order").reset_index()
+
+
 # ------------------------------------------------------------------------------------- small parts
 
 
@@ -1108,7 +1123,7 @@ def draw_tilts(validation: pd.DataFrame) -> Figure:
                  variant == "interpolated")
     parity.set(xlabel="reference tilt [°]", ylabel="computed tilt, finest resolution [°]",
                xlim=(0, top), ylim=(0, top), aspect="equal")
-    error.set(xscale="log", yscale="log", xlabel="nodes per pitch", ylabel="|error| of the tilt [°]")
+    error.set(xscale="log", yscale="log", xlabel="nodes per pitch", ylabel="|error| of tilt [°]")
     ticks = (20, 30, 40, 60, 80)
     error.set_xticks(ticks, [str(tick) for tick in ticks])
     error.minorticks_off()

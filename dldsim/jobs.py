@@ -288,32 +288,6 @@ def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
     write_table("validation", rows, table, provenance(settings))
 
 
-def warm_cache(settings: Mapping, stamp_file: Path, progress: Progress) -> None:
-    """Compile every kernel once, by a short coarse run of each scene, and stamp the folder.
-
-    Only time is at stake: a setting that these scenes do not suit is left to the runs to refuse.
-    """
-    cell, flow = Cell(**settings["cell"]), Flow(**settings["flow"])
-    numerics = Numerics(**settings["numerics"] | {"spacing_um": 2.5, "rows": 1, "lanes": 1})
-    stiffness = Stiffness(**settings["stiffness"])
-    geometry = Geometry(pillar_radius_um=5, gap_um=20, periodicity=4)
-    channel = Constriction(**settings["constriction"] | {"spacing_um": 2.0})
-    group = ConstrictionGroup(stiffness=stiffness, velocity_mm_s=flow.mean_velocity_mm_s)
-    try:
-        from dldsim.constriction import simulate_constriction
-        from dldsim.simulation import simulate_run
-
-        simulate_run(geometry, stiffness, cell, flow, numerics, RunControl(max_rows=2),
-                     run_id="warm", stiffness_set="warm", progress=progress)
-        simulate_constriction("warm", group, channel, cell, flow, numerics, run_id="warm",
-                              release_position_um=channel.release_positions_um[0],
-                              progress=progress)
-    except DldsimError as error:
-        progress(f"The rest is compiled by the first runs: {error}")
-    with atomic_path(stamp_file) as part:
-        part.write_text(json.dumps(campaign.stamp()) + "\n", encoding="utf-8")
-
-
 def _attempt(identifier: str, simulate: Callable[[], None], give_up: Callable[[str], None],
              crashes: Path, progress: Progress) -> None:
     """Simulate; on an exception log it, count it, and write what stands for the result."""

@@ -905,21 +905,21 @@ def _validation(campaign: Campaign) -> str:
 
 def _case_table(campaign: Campaign) -> str:
     table = figures.with_levels(campaign["validation"])
-    finest = table[table["finest"] & table["mark"].notna()]
+    unresolved = table.groupby("case")["resolution"].transform("count") == 0
+    finest = table[table["finest"] & table["mark"].notna()
+                   & (table["resolution"].notna() | unresolved)]
+    orders = figures.observed_orders(campaign["validation"])
     cases = verdicts(_records(campaign["validation"]))
 
-    def by_variant(case: str, column: str, what: Callable, form: Callable) -> str:
-        part = finest[(finest["case"] == case) & finest[column].notna()]
-        groups = [(v, p) for v, p in part.groupby("variant") if v in figures.VARIANT_COLOUR]
-        if not groups:
-            return form(what(part[column])) if len(part) else NOT_MEASURED
-        return ", ".join(f"{variant} {form(what(p[column]))}" for variant, p in groups)
+    def largest_error(case: str) -> str:
+        part = finest[finest["case"] == case].assign(size=lambda t: t["relative_error"].abs())
+        if not set(part["variant"]) <= set(figures.VARIANT_COLOUR):
+            part = part.assign(variant="")
+        return _by_variant(part.groupby("variant")["size"].max().items(), _percent)
 
-    def largest(values) -> float:
-        return float(values.abs().max())
-
-    def percent(value: float) -> str:
-        return f"{number(100 * value, 2)} %"
+    def order(case: str) -> str:
+        part = orders[orders["case"] == case]
+        return _by_variant(zip(part["variant"], part["order"], strict=True), lambda v: fixed(v, 1))
 
     names = [case["case"] for case in cases]
     return campaign.table(
@@ -927,19 +927,29 @@ def _case_table(campaign: Campaign) -> str:
             "case": _texts(names),
             "what": _texts(CASES[name].title if name in CASES else "" for name in names),
             "reference": _texts(CASES[name].source if name in CASES else "" for name in names),
-            "largest error, finest resolution": [
-                by_variant(name, "relative_error", largest, percent) for name in names],
-            "order": [by_variant(name, "observed_order", np.median, lambda v: fixed(v, 1))
-                      for name in names],
+            "largest error, finest resolution": map(largest_error, names),
+            "order": map(order, names),
             "within marks": [f"{case['marked'] - case['failed']} of {case['marked']}"
                              for case in cases],
             "result": ["fails" if case["failed"] else "passes" for case in cases],
             "time [s]": _numbers((case["wall_time_s"] for case in cases), 2),
         },
-        "Validation cases. Order: median over the quantities, between the two finest resolutions; "
-        "a dash where the error is rounding or there is one resolution. Failing cases are shaded.",
+        "Validation cases. Order: of the root mean square error, between the coarsest and the "
+        "finest resolution; a dash where the error is rounding or there is one resolution. Failing "
+        "cases are shaded.",
         ["validation"], [case["failed"] > 0 for case in cases],
     )
+
+
+def _by_variant(values: Iterable[tuple[str, float]], form: Callable[[float], str]) -> str:
+    """Values with their variants, a dash for none."""
+    parts = [f"{text(variant)} {form(value)}" if variant else form(value)
+             for variant, value in values]
+    return ", ".join(parts) or NOT_MEASURED
+
+
+def _percent(value: float) -> str:
+    return NOT_MEASURED if pd.isna(value) else f"{number(100 * float(value), 2)} %"
 
 
 def _failing_table(campaign: Campaign) -> str:
@@ -947,20 +957,20 @@ def _failing_table(campaign: Campaign) -> str:
     failing = table[table["passed"].eq(False)]
     if failing.empty:
         return "<p>Every case keeps to its marks.</p>"
+    reasons = failing.loc[failing["note"] != "", ["case", "note"]].drop_duplicates()
     return campaign.table(
         {
             "case": _texts(failing["case"]), "quantity": _texts(failing["quantity"]),
             "variant": _texts(failing["variant"]),
             "at": [f"{text(name)} {number(value)}" if name else NOT_MEASURED for name, value in zip(
                 failing["parameter_of"], failing["parameter"], strict=True)],
-            "error": [NOT_MEASURED if pd.isna(e) else f"{number(100 * e)} %"
-                      for e in failing["relative_error"]],
-            "allowed": [NOT_MEASURED if pd.isna(m) else f"{number(100 * m)} %"
-                        for m in failing["mark"]],
-            "reason": _texts(failing["note"]),
+            "error": map(_percent, failing["relative_error"]),
+            "allowed": map(_percent, failing["mark"]),
         },
         "Comparisons that miss their mark.", ["validation"],
-    )
+    ) + '<ul class="notes">' + "".join(
+        f"<li>{text(case)}: {text(note)}</li>" for case, note in reasons.to_numpy()
+    ) + "</ul>"
 
 
 def _records(table: pd.DataFrame) -> list[dict]:

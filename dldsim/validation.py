@@ -139,7 +139,8 @@ def run_case(name: str, progress: Callable[[str], None] | None = None) -> list[d
                 progress(f"{name}: {rows[-1]['quantity']}, {len(rows)} comparisons made")
             start = time.perf_counter()
     except Exception as error:
-        reason = str(error) if isinstance(error, DldsimError) else f"{type(error).__name__}: {error}"
+        expected = isinstance(error, DldsimError)
+        reason = str(error) if expected else f"{type(error).__name__}: {error}"
         wall = time.perf_counter() - start
         rows.append(_shell(name, case, wall) | {"quantity": BROKEN, "note": reason})
     return rows

@@ -191,8 +191,8 @@ def _sphere_moduli(frequency: int) -> Iterator[Comparison]:
     """
     x, faces = mesh.icosphere(frequency)
     membrane = mb.make_membrane(x, faces)
-    at = {"variant": "sphere", "resolution": frequency, "resolution_of": "edges along an icosahedron "
-          "edge"}  # fmt: skip
+    at = {"variant": "sphere", "resolution": frequency,
+          "resolution_of": "edges along an icosahedron edge"}  # fmt: skip
 
     def energy(term: str, strain) -> float:
         total = sum(mb.energies(x + STRAIN * x @ strain, membrane, UNIT[term]))

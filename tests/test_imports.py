@@ -10,10 +10,10 @@ PACKAGE = Path(__file__).parents[1] / "dldsim"
 FLOORS = [
     {"errors", "_numba"},
     {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "accuracy"},
-    {"lattice", "geometry", "membrane", "coupling"},
+    {"lattice", "geometry", "membrane", "finite_element", "coupling"},
     {"flow", "scene", "cellflow"},
     {"simulation", "constriction"},
-    {"validation", "validation_fluid", "validation_membrane"},
+    {"shear", "validation", "validation_fluid", "validation_membrane"},
     {"statistics", "calibration", "surrogate", "design"},
     {"figures", "report"},
     {"jobs"},

@@ -77,13 +77,13 @@ def test_presets_plan_their_runs(preset, geometries, tmp_path):
     assert counts["simulate_run"] == len(campaign.runs(config))
     assert counts["empty_flow"] == geometries
     assert counts["constrict"] == len(campaign.constrictions(config))
-    assert counts["warm_cache"] == counts["report"] == counts["all"] == 1
+    assert counts["report"] == counts["all"] == 1
 
 
 def test_named_target_runs_only_its_part(tmp_path):
     folder = copy_workflow(tmp_path)
     assert set(planned(folder, "calibration")) == {
-        "warm_cache", "constrict", "constriction_runs", "calibration"
+        "constrict", "constriction_runs", "calibration"
     }
     counts = planned(folder, "robustness_map")
     assert counts["robustness_map"] == 1

@@ -2,8 +2,6 @@
 
 
 rule accuracy_run:
-    input:
-        ancient(rules.warm_cache.output.stamp),
     output:
         row=ensure(f"{RESULTS}/accuracy/{{variant}}.run.parquet", non_empty=True),
     params:

@@ -2,8 +2,6 @@
 
 
 rule constrict:
-    input:
-        ancient(rules.warm_cache.output.stamp),
     output:
         row=ensure(f"{RESULTS}/constriction/{{constriction}}.run.parquet", non_empty=True),
         trajectory=ensure(

@@ -47,13 +47,6 @@ def seeded(*sections):
     return settings_of("seed", *sections)
 
 
-def warm_settings(wildcards, output):
-    """Taking `output` keeps these out of the parameters that Snakemake compares: a warm cache is
-    never made anew, since that would hide from Snakemake what the runs after it need."""
-    stiffness = next(iter(CONFIG.stiffness_sets.values())).model_dump(mode="json")
-    return {**settings_of("cell", "flow", "numerics", "constriction"), "stiffness": stiffness}
-
-
 def flow_settings(wildcards):
     numerics = CONFIG.numerics.model_dump(mode="json", exclude=CELL_NUMERICS)
     return {**settings_of("flow"), "numerics": numerics}

@@ -1,24 +1,7 @@
 # Empty-array flow per geometry, run per geometry and stiffness set, and their gathering.
 
 
-rule warm_cache:
-    output:
-        stamp=f"{RESULTS}/{campaign.STAMP}",
-    params:
-        settings=warm_settings,
-    log:
-        f"{RESULTS}/logs/warm_cache.log",
-    benchmark:
-        f"{RESULTS}/benchmarks/warm_cache.tsv"
-    message:
-        "compile the kernels"
-    script:
-        "../scripts/warm_cache.py"
-
-
 rule empty_flow:
-    input:
-        ancient(rules.warm_cache.output.stamp),
     output:
         flow=ensure(f"{RESULTS}/flow/{{geometry}}.npz", non_empty=True),
         row=ensure(f"{RESULTS}/flow/{{geometry}}.flow.parquet", non_empty=True),
@@ -38,7 +21,6 @@ rule empty_flow:
 
 rule simulate_run:
     input:
-        ancient(rules.warm_cache.output.stamp),
         unpack(flow_of_run),
     output:
         row=ensure(f"{RESULTS}/runs/{{run}}.run.parquet", non_empty=True),

@@ -2,8 +2,6 @@
 
 
 rule validate_case:
-    input:
-        ancient(rules.warm_cache.output.stamp),
     output:
         table=ensure(f"{RESULTS}/validation/{{case}}.parquet", non_empty=True),
     params:
