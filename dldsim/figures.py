@@ -209,17 +209,17 @@ class TrajectoryPanel:
 def trajectory_panel(
     heading: str, run_ids: list[str], runs: pd.DataFrame, trajectories: pd.DataFrame
 ) -> TrajectoryPanel:
-    """Window of at least N_p rows (where the run has them) on the end of the runs of one array."""
+    """Window of at least N_p rows (where the runs have them) up to the end of the shortest run."""
     rows = [runs[runs["run_id"] == run_id].iloc[0] for run_id in run_ids]
     first = rows[0]
     pitch = first["pitch_um"]
     view = pitch * max(LONGEST_VIEW, first["periodicity"] + 1)
     tracks = [trajectories[trajectories["run_id"] == run_id] for run_id in run_ids]
-    end = max(track["x_um"].max() for track in tracks)
+    end = min(track["x_um"].max() for track in tracks)
     start = max(min(track["x_um"].min() for track in tracks), end - view)
     paths = []
     for run, track in zip(rows, tracks, strict=True):
-        seen = track[track["x_um"] >= start]
+        seen = track[track["x_um"].between(start, end)]
         angle = f"{run['migration_angle_deg']:.2f}°"
         mark = "" if run["status"] in SETTLED else ", not converged"
         paths.append(
