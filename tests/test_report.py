@@ -543,3 +543,18 @@ def test_equal_figures_give_equal_files(campaign):
         for _ in range(2)
     )
     assert first == second
+
+
+def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(campaign):
+    tables, _ = campaign
+    runs, trajectories = tables["runs"], tables["trajectory"]
+    measured = runs[runs["migration_angle_deg"].notna()]
+    array = next(a for _, a in measured.groupby(["pillar_radius_um", "gap_um", "periodicity"])
+                 if len(a) > 1)  # fmt: skip
+    long, short = array["run_id"].iloc[:2]
+    whole = trajectories[trajectories["run_id"] == short]
+    cut = whole["x_um"].min() + 0.2 * np.ptp(whole["x_um"])
+    kept = (trajectories["run_id"] != short) | (trajectories["x_um"] <= cut)
+    panel = figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
+    assert all(len(path["x"]) > 1 for path in panel.paths)
+    assert all(path["x"].max() <= cut for path in panel.paths)
