@@ -281,8 +281,8 @@ def first_lane_width() -> Iterator[Comparison]:
     across a gap is symmetric, and the lanes at its two pillars are equally wide. The mean of both
     is taken.
 
-    Mark: a fifth of the 10 % by which devices scatter about the law D_c = 1.4 G ε^0.48; the whole
-    of it with half-way bounce-back.
+    Mark: a tenth of the 10 % by which devices scatter about the law D_c = 1.4 G ε^0.48; half of it
+    with half-way bounce-back.
     """
     for row in read_reference("first_lane_width_2d"):
         periodicity = round(row["periodicity"])
@@ -293,7 +293,7 @@ def first_lane_width() -> Iterator[Comparison]:
                 flow = _solve(row, periodicity, 0.0, spacing, bounce_back)
                 yield Comparison(
                     f"first lane, R/λ = {row['radius_over_pitch']:g}", lane_width(flow),
-                    row["first_lane_width_over_gap"], WALL_ERROR[bounce_back] / 5, "gap",
+                    row["first_lane_width_over_gap"], WALL_ERROR[bounce_back] / 10, "gap",
                     bounce_back, periodicity, "periodicity N_p", flow.pitch, PITCH,
                 )  # fmt: skip
 
