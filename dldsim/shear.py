@@ -210,8 +210,9 @@ def validation_rows() -> Iterator[Comparison]:
 
     Marks. At one resolution 0.5/radius: the coupling spreads the membrane over about a node, which
     acts like a thicker one (published 0.3 to 0.5 nodes). Extrapolated 2 %, what reference, box and
-    order of convergence leave open. Inclination 5 %, for the box. Without mark: kernels, boxes, flat rest angles, digitised curves of membranes
-    without bending, and the spring network beside the neo-Hookean reference of its shear modulus.
+    order of convergence leave open. Inclination 5 %, for the box. Without mark: kernels, boxes,
+    flat rest angles, digitised curves of membranes without bending, and the spring network beside
+    the neo-Hookean reference of its shear modulus.
     """
     for law, ratio in SMALL_DEFORMATION.items():
         about = {"variant": f"{law}, small deformation", "source": BARTHES_BIESEL}
