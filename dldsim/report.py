@@ -291,7 +291,7 @@ def _summary(campaign: Campaign) -> str:
         parts.append(
             f"<p>{counted(limited, 'run')} reached the row limit (run_control.max_rows = "
             f"{text(campaign.setting('run_control', 'max_rows'))}) before the orbit repeated. "
-            "The angle of such a run is taken over its last <i>N</i><sub>p</sub> rows and may "
+            "The angle of such a run is taken over the second half of its path and may "
             "still change; in every figure it has an <b>open marker</b> or a dashed line, and in "
             "every table it is called <b>not converged</b>. The analyses do use these runs.</p>"
         )
