@@ -12,6 +12,7 @@ import numpy as np
 from dldsim._numba import jit
 from dldsim.config import Cell, Numerics, Stiffness
 from dldsim.coupling import (
+    EVEN_ODD,
     Contact,
     Domain,
     clearance,
@@ -39,6 +40,9 @@ REFERENCE_VERTEX_AREA_UM2 = 490.27 / 1962
 """Membrane area per vertex of the source mesh: friction, mass and contact are given for it."""
 CONTACT_STRENGTH = 1e-4  # nN µm^2.2, per vertex of the source mesh
 CONTACT_EXPONENT = 1.2
+CONTACT_STIFFEST = 1.0
+"""Largest slope of the repulsion, lattice units: at most a quarter of what a leapfrog step bears
+on one vertex, whose kernel has at most half its weight squared on the nodes of a component."""
 CONTROL_INTERVAL = 20  # steps between corrections of the body force
 DAMPING_INTERVAL = 200  # steps between dampings of staggered momentum, each half a step of delay
 CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corrected
@@ -67,7 +71,6 @@ class Body(NamedTuple):
     smooth: np.ndarray
     force: np.ndarray
     drag: np.ndarray
-    weights: np.ndarray
 
 
 @jit
@@ -93,39 +96,42 @@ def control_force(velocity, drive, parameters, mean):
 @jit
 def advance_no_slip(
     start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, blend,
+    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, staggered, blend,
 ):  # fmt: skip
     """An even number of steps, from the even step ``start``, with vertices moving with the fluid
     (Peskin 2002).
 
+    Leapfrog: a vertex moves with the velocity half a step ahead, which holds the whole force of
+    the step. With that of the present, half the force, every elastic mode would grow by ω²/4 per
+    step but for viscosity. ``staggered``: the kernel feeds staggered momentum, which is damped.
     Dashpots act on a running mean of the velocity, of which each step replaces the part ``blend``.
     """
-    points = body.weights.shape[1]
     for step in range(steps):
         elastic_forces(body.x, body.smooth, membrane, moduli, scratch, body.force)
         contact_forces(body.x, contact, body.force)
-        locate(body.x, domain, points, body.weights, stencil)
+        locate(body.x, domain, stencil)
         force[:] = 0.0
         spread(body.force, stencil, force)
         if step % 2 == 0:
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-        interpolate(velocity, stencil, body.v)
+        interpolate(velocity, force, 0.5, stencil, body.v)
         for i in range(body.x.shape[0]):
             for d in range(3):
                 body.x[i, d] += body.v[i, d]
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
             control_force(velocity, drive, parameters, mean)
-        if (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
+        if staggered and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
             damp_staggered_momentum(f, f_new, parameters[11])
 
 
 @jit
 def advance_dissipative(
     start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, friction, mass, blend,
+    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, staggered, friction,
+    mass, blend,
 ):  # fmt: skip
     """An even number of steps, from the even step ``start``, with vertices of given mass dragged by
     the fluid.
@@ -134,7 +140,6 @@ def advance_dissipative(
     1999), with a running mean of u of which each step replaces the part ``blend``. ``body.force``
     carries the force of the previous step.
     """
-    points = body.weights.shape[1]
     for step in range(steps):
         for i in range(body.x.shape[0]):
             for d in range(3):
@@ -142,8 +147,8 @@ def advance_dissipative(
                 body.x[i, d] += body.v[i, d]
         elastic_forces(body.x, body.v, membrane, moduli, scratch, body.force)
         contact_forces(body.x, contact, body.force)
-        locate(body.x, domain, points, body.weights, stencil)
-        interpolate(velocity, stencil, body.drag)
+        locate(body.x, domain, stencil)
+        interpolate(velocity, force, 0.0, stencil, body.drag)
         for i in range(body.x.shape[0]):
             for d in range(3):
                 body.smooth[i, d] += blend * (body.drag[i, d] - body.smooth[i, d])
@@ -158,7 +163,7 @@ def advance_dissipative(
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
             control_force(velocity, drive, parameters, mean)
-        if (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
+        if staggered and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
             damp_staggered_momentum(f, f_new, parameters[11])
 
 
@@ -216,15 +221,16 @@ def velocity_blend(kvisc: float, viscosity: float, edge: float) -> float:
     return min(0.1, 0.5 / (1 + gain))
 
 
-def volume_stiffness(kv: float, area: float, volume: float) -> float:
+def volume_stiffness(kv: float, area: float, volume: float, viscosity: float) -> float:
     """Volume constant k_v that the explicit step can carry, lattice units.
 
     The volume oscillates against the fluid in the kernel, a layer about one node thick, with
     ω² = k_v A/V; leapfrog needs ω² < 4, and a fluid that is compressible itself (bulk modulus 1/3)
     less. Inside an impermeable membrane the fluid already keeps the volume: k_v only answers
-    numerical leakage, whose size each run records, and is limited to ω² = 1.
+    numerical leakage, whose size each run records, and is limited to ω² = 2, and to 40 ν where
+    little viscosity damps (held: 4 at τ = 0.8 to 2, 2 at τ = 0.6; diverged: 8 and 4).
     """
-    return min(kv, volume / area)
+    return min(kv, min(2.0, 40 * viscosity) * volume / area)
 
 
 def vertex_mass(friction: float, moduli: Moduli) -> float:
@@ -293,34 +299,34 @@ class CellInFlow:
         vertices, faces = self._make(frequency_for_edge(probe, numerics.edge_to_spacing))
         self.membrane = make_membrane(vertices, faces)
         self.scratch = make_scratch(self.membrane)
-        moduli = units.stiffness(stiffness)
-        moduli["kv"] = volume_stiffness(
-            moduli["kv"], self.membrane.rest_area, self.membrane.rest_volume
-        )
-        self.moduli = Moduli(**moduli)
+        self.stiffness = stiffness
+        self.moduli = self.moduli_in(units)
         self.radius_um = cell.radius_um
         v = len(vertices)
         lattice = fluid.lattice
-        points = numerics.kernel_points
         self.body = Body(
-            vertices.copy(), *(np.zeros((v, 3)) for _ in range(4)), np.zeros((3, points))
+            vertices.copy(), *(np.zeros((v, 3)) for _ in range(4))
         )  # fmt: skip
-        self.stencil = make_stencil(v, points)
+        self.stencil = make_stencil(v, numerics.kernel)
         self.domain = Domain(
             lattice.nx, lattice.ny, lattice.nz, lattice.row_shift, lattice.walls, lattice.column
         )
         # Friction, mass and contact belong to a patch of membrane, whatever the mesh.
         self.density = self.membrane.rest_area * spacing**2 / v / REFERENCE_VERTEX_AREA_UM2
-        strength = units.force(CONTACT_STRENGTH) * spacing ** -(CONTACT_EXPONENT + 1)
+        n = CONTACT_EXPONENT
+        strength = units.force(CONTACT_STRENGTH) * spacing ** -(n + 1) * self.density
+        reach = max(numerics.contact_range_um / spacing, 1e-9)
+        core = (strength * n * (n + 1) / CONTACT_STIFFEST) ** (1 / (n + 2))
         no_surface = {
             "pillars": False, "pitch": 1.0, "row_shift": 0.0, "radius": 0.0,
             "plates": False, "height": 0.0,
             "channel": False, "profile": np.zeros((2, 1)), "centre": 0.0, "length": 1.0,
         }  # fmt: skip
         self.contact = Contact(
-            strength=np.full(v, strength * self.density),
+            strength=np.full(v, strength),
             exponent=CONTACT_EXPONENT,
-            reach=max(numerics.contact_range_um / spacing, 1e-9),
+            reach=reach,
+            core=min(core, reach),
             **{**no_surface, **contact_surfaces},
         )
         gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
@@ -337,12 +343,20 @@ class CellInFlow:
     def vertices(self) -> int:
         return len(self.body.x)
 
+    def moduli_in(self, units: Units) -> Moduli:
+        """Membrane coefficients in lattice units; k_v as far as the explicit step carries it."""
+        moduli = units.stiffness(self.stiffness)
+        kv = volume_stiffness(
+            moduli["kv"], self.membrane.rest_area, self.membrane.rest_volume, units.viscosity_lu
+        )
+        return Moduli(**(moduli | {"kv": kv}))
+
     def place(self, centre) -> None:
         """Move the resting cell to ``centre`` (3,), where it takes the velocity of the fluid."""
         body = self.body
         body.x[:] += np.asarray(centre) - self._centroid()
-        locate(body.x, self.domain, body.weights.shape[1], body.weights, self.stencil)
-        interpolate(self.fluid.velocity, self.stencil, body.v)
+        locate(body.x, self.domain, self.stencil)
+        interpolate(self.fluid.velocity, self.fluid.force, 0.0, self.stencil, body.v)
         body.smooth[:] = body.v
 
     def advance(self, steps: int) -> None:
@@ -352,6 +366,7 @@ class CellInFlow:
             fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.lattice.streaming,
             fluid.parameters, fluid.inertia, fluid.buffer, self.body, self.membrane, self.moduli,
             self.scratch, self.stencil, self.domain, self.contact, self.drive, self._mean,
+            self.numerics.kernel not in EVEN_ODD,
         )  # fmt: skip
         if self.numerics.coupling == "no-slip":
             advance_no_slip(self.steps, steps, *state, self.blend)

@@ -95,6 +95,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     stiffness = _named(config, "stiffness_sets", args.set, "--set")
     identifier = campaign.run_id(campaign.Run(geometry, args.set))
     from dldsim import jobs
+    from dldsim.accuracy import numerical_uncertainty, read_model
     from dldsim.simulation import simulate_run
 
     with _progress() as progress:
@@ -102,6 +103,8 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             geometry, stiffness, cell, flow, numerics, control, run_id=identifier,
             stiffness_set=args.set, progress=progress,
         )  # fmt: skip
+    sigma, basis = numerical_uncertainty(result.row, control.model_dump(), read_model())
+    result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
     summary = dict(result.row)
     if args.out:
         settings = {

@@ -113,7 +113,13 @@ class Numerics(Section):
     coupling: Literal["no-slip", "dissipative"] = Field(
         "no-slip", description="how membrane and fluid are tied"
     )
-    kernel_points: Literal[2, 3, 4] = Field(2, description="width of the immersed-boundary kernel")
+    time_step: Literal["automatic", "as-given"] = Field(
+        "automatic",
+        description="automatic: shorter than velocity_lu gives it where the membrane asks for it",
+    )
+    kernel: Literal["compact", "linear", "3-point", "4-point"] = Field(
+        "compact", description="immersed-boundary kernel"
+    )
     edge_to_spacing: float = Field(
         1.0, ge=0.3, le=2, description="mean membrane edge / lattice spacing wanted"
     )
@@ -161,6 +167,53 @@ class ConstrictionGroup(Section):
     stiffness_set: str | None = Field(
         None, description="name of the campaign stiffness set that this group calibrates"
     )
+
+
+class Device(Section):
+    """The chip that a design's photomask draws: streams, array, outlets."""
+
+    array_length_mm: float = Field(
+        5.0, gt=0, le=100, description="length of the array; the whole rows that fit are drawn"
+    )
+    array_width_mm: float = Field(
+        2.0, gt=0, le=100, description="width of the channel between its side walls"
+    )
+    inlet_length_mm: float = Field(1.0, gt=0, le=50, description="straight channel before it")
+    outlet_length_mm: float = Field(1.0, gt=0, le=50, description="straight channel after it")
+    sample_position_mm: float = Field(
+        0.4, gt=0, description="middle of the sample stream above the lower side wall"
+    )
+    sample_width_um: float = Field(60.0, gt=0, description="width of the sample stream")
+    divider_um: float = Field(30.0, gt=0, description="thickness of walls between streams")
+    port_diameter_mm: float = Field(1.0, gt=0, le=10, description="diameter of the reservoirs")
+    wall_gap_fraction: float = Field(
+        0.5, gt=0, le=1, description="least gap between a pillar and a side wall / P_g"
+    )
+    alignment_mark_um: float = Field(200.0, gt=0, description="size of the alignment crosses")
+    facet_tolerance_um: float = Field(
+        0.01, gt=0, le=1, description="largest distance between circle and polygon in GDSII"
+    )
+    layer_channel: int = Field(1, ge=0, le=255, description="GDSII layer of the channel outline")
+    layer_pillars: int = Field(2, ge=0, le=255, description="GDSII layer of the pillars")
+    layer_alignment: int = Field(3, ge=0, le=255, description="GDSII layer of alignment crosses")
+    layer_label: int = Field(4, ge=0, le=255, description="GDSII layer of the engraved label")
+    layer_documentation: int = Field(
+        10, ge=0, le=255, description="GDSII layer of expected paths and notes, not for exposure"
+    )
+
+    @model_validator(mode="after")
+    def _streams_fit(self) -> "Device":
+        half = self.sample_width_um / 2 + self.divider_um
+        middle, width = 1e3 * self.sample_position_mm, 1e3 * self.array_width_mm
+        if not half < middle < width - half:
+            raise ValueError(
+                f"sample_position_mm between {half / 1e3:g} and {(width - half) / 1e3:g}: the "
+                "sample stream and its two dividers lie inside the channel"
+            )
+        layers = [value for key, value in self if key.startswith("layer_")]
+        if len(set(layers)) < len(layers):
+            raise ValueError("every layer_… another number")
+        return self
 
 
 def _thousandths(value: float) -> float:
@@ -279,20 +332,65 @@ class DesignRequest(Section):
         return self.model_copy(update=update)
 
 
-class AccuracyCase(Section):
-    """One run that the accuracy study repeats."""
+RunId = Annotated[
+    str, StringConstraints(pattern=r"^r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+_s[A-Za-z0-9-]+$")
+]
+Setting = int | float | str
 
-    geometry: Geometry
-    stiffness_set: str
+
+class WorkPrecision(Section):
+    """Numerical settings whose error and run time are measured."""
+
+    knobs: dict[str, Annotated[list[Setting], Field(min_length=2)]] = Field(
+        {}, description="settings changed one at a time, values from coarse to finest"
+    )
+    alternatives: dict[Name, dict[str, Setting]] = Field(
+        {}, description="whole settings by name: what differs from the default"
+    )
+    reference: dict[str, Setting] = Field(
+        {}, description="jointly finer setting against which whole settings are measured"
+    )
+
+
+class AngleStudy(WorkPrecision):
+    """Runs through arrays whose migration angle is studied."""
+
+    cases: dict[Name, RunId] = Field({}, description="identifiers of runs by name")
+    other_starts: list[Fraction] = Field(
+        [], description="release_gap_fraction of the repetitions of each run"
+    )
+    long_rows: int = Field(
+        100, ge=4, description="rows of the run that shows the error of stopping earlier"
+    )
+
+
+class IndexStudy(WorkPrecision):
+    """Constriction groups whose deformation index is studied."""
+
+    cases: list[Name] = Field([], description="names from constriction_groups")
 
 
 class Accuracy(Section):
     """Runs and numerical settings of the study of error against run time."""
 
-    cases: dict[Name, AccuracyCase] = Field({}, description="runs by name")
-    knobs: dict[str, Annotated[list[int | float | str], Field(min_length=2)]] = Field(
-        {}, description="keys of numerics, run_control or cell, values from coarse to finest"
+    migration_angle: AngleStudy = AngleStudy()
+    deformation_index: IndexStudy = IndexStudy()
+    model_runs: list[RunId] = Field(
+        [], description="runs from which the model of the numerical uncertainty is made"
     )
+    check_runs: list[RunId] = Field([], description="runs on which that model is checked")
+
+    @model_validator(mode="after")
+    def _checked_on_others(self) -> "Accuracy":
+        if both := sorted(set(self.model_runs) & set(self.check_runs)):
+            raise ValueError(f"check_runs must not be model_runs: {', '.join(both)}")
+        return self
+
+    @property
+    def array_runs(self) -> list[str]:
+        """Identifiers of all array runs of the study, each once."""
+        cases = self.migration_angle.cases.values()
+        return list(dict.fromkeys([*cases, *self.model_runs, *self.check_runs]))
 
 
 class Config(Section):
@@ -313,6 +411,7 @@ class Config(Section):
         min_length=1, description="stiffness groups of the calibration by name"
     )
     design_requests: list[DesignRequest] = Field([], description="separations to design for")
+    device: Device = Device()
     accuracy: Accuracy = Accuracy()
 
     @model_validator(mode="after")
@@ -322,10 +421,7 @@ class Config(Section):
             (f"constriction_groups.{group}.stiffness_set", value.stiffness_set)
             for group, value in self.constriction_groups.items()
         ]
-        uses += [
-            (f"accuracy.cases.{name}", case.stiffness_set)
-            for name, case in self.accuracy.cases.items()
-        ]
+        uses += [(f"accuracy: {run}", run.rpartition("_s")[2]) for run in self.accuracy.array_runs]
         for request in self.design_requests:
             uses += [
                 (f"design_requests {request.name}", request.stiffness_set_1),
@@ -341,6 +437,12 @@ class Config(Section):
                 f"unknown stiffness set: {'; '.join(unknown)}; known: "
                 + ", ".join(self.stiffness_sets)
             )
+        for group in self.accuracy.deformation_index.cases:
+            if group not in self.constriction_groups:
+                raise ValueError(
+                    f"accuracy.deformation_index.cases names {group}; constriction_groups: "
+                    + ", ".join(self.constriction_groups)
+                )
         calibrated = [g.stiffness_set for g in self.constriction_groups.values() if g.stiffness_set]
         repeated = sorted({name for name in calibrated if calibrated.count(name) > 1})
         if repeated:
@@ -361,7 +463,7 @@ class Config(Section):
 
 
 CELL_NUMERICS = {
-    "coupling", "kernel_points", "edge_to_spacing", "friction_nN_s_per_m", "contact_range_um",
+    "coupling", "time_step", "kernel", "edge_to_spacing", "friction_nN_s_per_m", "contact_range_um",
 }  # fmt: skip
 """The numerics that a flow without cell does not depend on."""
 

@@ -15,6 +15,7 @@ from dldsim.errors import DldsimError
 from dldsim.flow import Fluid, advance_to_steady
 from dldsim.lattice import Lattice, make_lattice, viscosity
 from dldsim.simulation import REMEDY, Progress, Record
+from dldsim.stability import bottleneck, margins, refined, refinement
 from dldsim.units import Units
 
 SAMPLES_PER_THROAT = 40
@@ -112,20 +113,29 @@ def simulate_constriction(
     cell = cell.model_copy(update={"axis": channel.axis})
     flow = flow.model_copy(update={"mean_velocity_mm_s": throat_velocity})
     lattice, spacing = scene_channel.lattice, scene_channel.spacing_um
-    units = Units.of(spacing, flow, numerics)
     fluid = Fluid.of(lattice, numerics)
-    box_share = scene_channel.throat_width / (lattice.ny)
-    target = numerics.velocity_lu * box_share
-    mobility = _steady_start(fluid, scene_channel, target, progress)
-    scene = CellInFlow(
-        fluid, units, cell, group.stiffness, numerics,
-        {
-            "plates": True, "height": float(scene_channel.height), "channel": True,
-            "profile": scene_channel.profile, "centre": scene_channel.centre,
-            "length": float(scene_channel.length),
-        },
-        np.diag([mobility, np.inf]), np.array([target, 0.0]),
-    )  # fmt: skip
+    box_share = scene_channel.throat_width / lattice.ny
+
+    def make_scene(numerics: Numerics, mobility: float = 1.0) -> CellInFlow:
+        return CellInFlow(
+            fluid, Units.of(spacing, flow, numerics), cell, group.stiffness, numerics,
+            {
+                "plates": True, "height": float(scene_channel.height), "channel": True,
+                "profile": scene_channel.profile, "centre": scene_channel.centre,
+                "length": float(scene_channel.length),
+            },
+            np.diag([mobility, np.inf]), np.array([numerics.velocity_lu * box_share, 0.0]),
+        )  # fmt: skip
+
+    trial = make_scene(numerics)
+    trial.place(np.array([0.0, scene_channel.centre, scene_channel.height / 2]))
+    factor = refinement(margins(trial), numerics)
+    numerics = refined(numerics, factor)
+    if factor > 1 and progress:
+        progress(f"time step shortened by {factor:.3g}: {bottleneck(margins(trial))}")
+    mobility = _steady_start(fluid, scene_channel, numerics.velocity_lu * box_share, progress)
+    scene = make_scene(numerics, mobility)
+    units = scene.units
     first = scene_channel.profile[0, 1] - cell.radius_um / spacing
     release = first - release_position_um / spacing
     if release < cell.radius_um / spacing:

@@ -25,78 +25,118 @@ class Domain(NamedTuple):
 
 
 class Stencil(NamedTuple):
-    """Nodes around each vertex, index (V, P³) uint64, and their weights (V, P³)."""
+    """Nodes around each vertex, index (V, 3, N) uint64, and their weights (V, 3, N).
+
+    Each component of a vector has its own nodes: along its own axis the kernel is ``own``, along
+    the others ``across``. ``first`` (3, 2) and ``axis_weight`` (3, 2, 4): work space.
+    """
 
     index: np.ndarray
     weight: np.ndarray
+    own: int
+    across: int
+    first: np.ndarray
+    axis_weight: np.ndarray
 
 
-def make_stencil(vertices: int, points: int) -> Stencil:
-    """Work space for a kernel ``points`` nodes wide."""
+LINEAR, TRAPEZOID, ROMA, PESKIN = range(4)
+POINTS = 2, 3, 3, 4
+KERNELS = {
+    "compact": (TRAPEZOID, LINEAR),
+    "linear": (LINEAR, LINEAR),
+    "3-point": (ROMA, ROMA),
+    "4-point": (PESKIN, PESKIN),
+}
+EVEN_ODD = "compact", "4-point"
+"""Kernels that neither feed nor see staggered momentum.
+
+Along the axis of each component their weights on even and on odd nodes are the same, one half
+(Peskin 2002, section 6).
+"""
+
+
+def make_stencil(vertices: int, kernel: str) -> Stencil:
+    """Work space for one of KERNELS."""
+    own, across = KERNELS[kernel]
+    shape = vertices, 3, POINTS[own] * POINTS[across] ** 2
     return Stencil(
-        np.zeros((vertices, points**3), np.uint64), np.zeros((vertices, points**3), np.float64)
-    )
+        np.zeros(shape, np.uint64), np.zeros(shape), own, across, np.zeros((3, 2), np.int64),
+        np.zeros((3, 2, 4)),
+    )  # fmt: skip
 
 
 @jit
-def kernel_weights(offset, points, weight):
-    """Weights of the nodes first … first + points - 1 of a kernel along one axis.
+def kernel_weights(p, kind, weight):
+    """First node and number of nodes of a kernel along one axis; fills their weights.
 
-    ``offset``: distance of the vertex from the first node. 2 points: linear; 3: Roma, Peskin &
-    Berger (1999), eq. 22; 4: Peskin (2002), eq. 6.27.
+    ``p``: position in nodes. LINEAR: hat of half width one. TRAPEZOID: the mean of two hats half a
+    node to either side, the narrowest kernel that meets the even-odd condition and keeps the first
+    moment. ROMA: Roma, Peskin & Berger (1999), eq. 22. PESKIN: Peskin (2002), eq. 6.27.
     """
-    for p in range(points):
-        r = abs(offset - p)
-        if points == 2:
-            weight[p] = 1.0 - r
-        elif points == 3:
+    if kind == LINEAR:
+        first = np.floor(p)
+        weight[0] = 1.0 - (p - first)
+        weight[1] = p - first
+        return np.int64(first), 2
+    if kind == PESKIN:
+        first = np.floor(p) - 1.0
+        for n in range(4):
+            r = abs(p - first - n)
+            if r < 1.0:
+                weight[n] = (3.0 - 2.0 * r + np.sqrt(1.0 + 4.0 * r - 4.0 * r * r)) / 8.0
+            else:
+                root = -7.0 + 12.0 * r - 4.0 * r * r
+                weight[n] = (5.0 - 2.0 * r - np.sqrt(max(root, 0.0))) / 8.0
+        return np.int64(first), 4
+    first = np.floor(p + 0.5) - 1.0
+    t = p - first - 1.0
+    if kind == TRAPEZOID:
+        weight[0] = 0.25 - 0.5 * t
+        weight[1] = 0.5
+        weight[2] = 0.25 + 0.5 * t
+    else:
+        for n in range(3):
+            r = abs(t + 1.0 - n)
             if r < 0.5:
-                weight[p] = (1.0 + np.sqrt(1.0 - 3.0 * r * r)) / 3.0
+                weight[n] = (1.0 + np.sqrt(1.0 - 3.0 * r * r)) / 3.0
             else:
                 root = 1.0 - 3.0 * (1.0 - r) * (1.0 - r)
-                weight[p] = (5.0 - 3.0 * r - np.sqrt(max(root, 0.0))) / 6.0
-        elif r < 1.0:
-            weight[p] = (3.0 - 2.0 * r + np.sqrt(1.0 + 4.0 * r - 4.0 * r * r)) / 8.0
-        else:
-            root = -7.0 + 12.0 * r - 4.0 * r * r
-            weight[p] = (5.0 - 2.0 * r - np.sqrt(max(root, 0.0))) / 8.0
+                weight[n] = (5.0 - 3.0 * r - np.sqrt(max(root, 0.0))) / 6.0
+    return np.int64(first), 3
 
 
 @jit
-def locate(x, domain, points, weights, stencil):
-    """Fill the stencil of every vertex; ``weights`` (3, points) is work space."""
+def locate(x, domain, stencil):
+    """Fill the stencil of every vertex."""
     nx, ny, nz = domain.nx, domain.ny, domain.nz
+    first, weight = stencil.first, stencil.axis_weight
+    points = np.zeros(2, np.int64)
     for v in range(x.shape[0]):
-        # First node of the kernel along each axis; node i sits at i + 1/2.
-        shift = 0.0 if points == 3 else 0.5 * points - 1.0
-        px, py, pz = x[v, 0] - 0.5, x[v, 1] - 0.5, x[v, 2] - 0.5
-        if points == 3:
-            bx, by, bz = np.floor(px + 0.5) - 1, np.floor(py + 0.5) - 1, np.floor(pz + 0.5) - 1
-        else:
-            bx, by, bz = np.floor(px) - shift, np.floor(py) - shift, np.floor(pz) - shift
-        kernel_weights(px - bx, points, weights[0])
-        kernel_weights(py - by, points, weights[1])
-        kernel_weights(pz - bz, points, weights[2])
-        ix, iy, iz = np.int64(bx), np.int64(by), np.int64(bz)
-        n = 0
-        for a in range(points):
-            wraps = (ix + a) // nx
-            jx = ix + a - wraps * nx
-            for b in range(points):
-                jy = (iy + b - wraps * domain.row_shift) % ny
-                column = domain.column[jx, jy]
-                wxy = weights[0, a] * weights[1, b]
-                for c in range(points):
-                    jz = iz + c
-                    if not domain.walls:
-                        jz %= nz
-                    if column < 0 or jz < 0 or jz >= nz:
-                        stencil.index[v, n] = 0
-                        stencil.weight[v, n] = 0.0
-                    else:
-                        stencil.index[v, n] = column * nz + jz
-                        stencil.weight[v, n] = wxy * weights[2, c]
-                    n += 1
+        for d in range(3):  # node i sits at i + 1/2
+            first[d, 0], points[0] = kernel_weights(x[v, d] - 0.5, stencil.across, weight[d, 0])
+            first[d, 1], points[1] = kernel_weights(x[v, d] - 0.5, stencil.own, weight[d, 1])
+        for d in range(3):
+            kx, ky, kz = np.int64(d == 0), np.int64(d == 1), np.int64(d == 2)
+            n = 0
+            for a in range(points[kx]):
+                ix = first[0, kx] + a
+                wraps = ix // nx
+                jx = ix - wraps * nx
+                for b in range(points[ky]):
+                    jy = (first[1, ky] + b - wraps * domain.row_shift) % ny
+                    column = domain.column[jx, jy]
+                    wxy = weight[0, kx, a] * weight[1, ky, b]
+                    for c in range(points[kz]):
+                        jz = first[2, kz] + c
+                        if not domain.walls:
+                            jz %= nz
+                        if column < 0 or jz < 0 or jz >= nz:
+                            stencil.index[v, d, n] = 0
+                            stencil.weight[v, d, n] = 0.0
+                        else:
+                            stencil.index[v, d, n] = column * nz + jz
+                            stencil.weight[v, d, n] = wxy * weight[2, kz, c]
+                        n += 1
 
 
 @jit
@@ -104,34 +144,34 @@ def spread(force, stencil, field):
     """Add the vertex forces (V, 3) to the force density ``field`` (3 * stride,)."""
     stride = np.uint64(len(field)) // np.uint64(3)
     for v in range(force.shape[0]):
-        fx, fy, fz = force[v, 0], force[v, 1], force[v, 2]
-        for n in range(stencil.index.shape[1]):
-            i, w = stencil.index[v, n], stencil.weight[v, n]
-            field[i] += w * fx
-            field[i + stride] += w * fy
-            field[i + stride + stride] += w * fz
+        for d in range(3):
+            for n in range(stencil.index.shape[2]):
+                i = stencil.index[v, d, n] + np.uint64(d) * stride
+                field[i] += stencil.weight[v, d, n] * force[v, d]
 
 
 @jit
-def interpolate(field, stencil, velocity):
-    """Velocity (V, 3) of the fluid at the vertices from ``field`` (3 * stride,)."""
-    stride = np.uint64(len(field)) // np.uint64(3)
-    for v in range(velocity.shape[0]):
-        ux = uy = uz = 0.0
-        for n in range(stencil.index.shape[1]):
-            i, w = stencil.index[v, n], stencil.weight[v, n]
-            ux += w * field[i]
-            uy += w * field[i + stride]
-            uz += w * field[i + stride + stride]
-        velocity[v, 0] = ux
-        velocity[v, 1] = uy
-        velocity[v, 2] = uz
+def interpolate(velocity, force, ahead, stencil, vertex_velocity):
+    """Velocity (V, 3) of the fluid at the vertices, ``ahead`` steps after the present.
+
+    ``velocity``, ``force`` (3 * stride,): fields of velocity and force density. The force changes
+    the momentum by itself in one step.
+    """
+    stride = np.uint64(len(velocity)) // np.uint64(3)
+    for v in range(vertex_velocity.shape[0]):
+        for d in range(3):
+            u = 0.0
+            for n in range(stencil.index.shape[2]):
+                i = stencil.index[v, d, n] + np.uint64(d) * stride
+                u += stencil.weight[v, d, n] * (velocity[i] + ahead * force[i])
+            vertex_velocity[v, d] = u
 
 
 class Contact(NamedTuple):
     """Soft repulsion V(r) = a r⁻ⁿ per vertex, its force shifted to vanish at the range.
 
-    ``strength`` (V,): a for every vertex, scaled with the area that it stands for. ``pillars``,
+    ``strength`` (V,): a for every vertex, scaled with the area that it stands for. Below ``core``
+    the force goes on linearly: an explicit step bears no steeper one. ``pillars``,
     ``plates``, ``channel``: which surfaces exist. ``profile`` (2, K): x and half width of the
     channel between ``channel`` walls mirrored about y = ``centre``, periodic over ``length``.
     """
@@ -139,6 +179,7 @@ class Contact(NamedTuple):
     strength: np.ndarray
     exponent: float
     reach: float
+    core: float
     pillars: bool
     pitch: float
     row_shift: float
@@ -151,16 +192,13 @@ class Contact(NamedTuple):
     length: float
 
 
-CLOSEST = 0.05
-"""Distance, in units of the range, below which the repulsion no longer grows."""
-
-
 @jit
 def _push(r, strength, contact):
-    """Magnitude of the repulsion at distance r."""
+    """Magnitude of the repulsion at distance r; linear below the core."""
     n = contact.exponent
-    near = max(r, CLOSEST * contact.reach)
-    return strength * n * (near ** (-n - 1.0) - contact.reach ** (-n - 1.0))
+    far = max(r, contact.core)
+    push = strength * n * (far ** (-n - 1.0) - contact.reach ** (-n - 1.0))
+    return push + strength * n * (n + 1.0) * far ** (-n - 2.0) * (far - r)
 
 
 @jit

@@ -4,7 +4,8 @@ Nothing here is simulated: a design is the surrogate's prediction, with the surr
 """
 
 from collections.abc import Mapping
-from math import sqrt
+from math import hypot, sqrt
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,11 +15,18 @@ from dldsim.errors import DldsimError
 from dldsim.surrogate import DOMAIN_TOLERANCE, Surrogate
 
 if TYPE_CHECKING:
+    import optuna
+
     from dldsim.config import DesignRequest
 
 GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 TOLERANCE_STEPS = 5
 """Values of P_r and of P_g across the tolerance, ends and middle included."""
+REGRET_REPEATS = 3
+REGRET_POINTS = 16
+"""Numbers of evaluations at which a search is looked at."""
+GRID_STEPS = (3, 5, 9, 17, 33)
+"""Values of P_r and of P_g in the exhaustive searches; N_p takes all."""
 TINY = 1e-9
 """Turns the strict P_g > P_r + d_safety into a constraint that may be zero [µm]."""
 
@@ -62,8 +70,12 @@ def search(
 
     Candidates are distinct: another N_p, or more than `tolerance_um` apart in P_r or P_g. The
     tolerance columns are the least and largest separation with P_r and P_g off by up to
-    ± tolerance_um, negative where the order of the two cells is reversed. `uncertainty_deg` is the
-    cross-validated RMSE by geometry × √2, as if the errors of the two angles were independent.
+    ± tolerance_um, negative where the order of the two cells is reversed. `uncertainty_deg` is
+    √(2 RMSE² + σ_num²): the surrogate's cross-validated error by geometry and the numerical
+    uncertainty of the separation, as if the errors of the two angles were independent. The scatter
+    that numerical errors bring into the training angles is in both, which is on the safe side.
+    Designs whose separations differ by less than their combined σ_num share a rank. Where σ_num is
+    not known it is null, and the order is that of the predictions alone.
 
     Raises DldsimError for a deformation index outside the training data, two equal cell types, or
     no feasible geometry.
@@ -71,9 +83,35 @@ def search(
     import optuna
 
     _check(surrogate, request, d_safety_um)
-    rows: list[dict[str, Any]] = []
+    sampler = optuna.samplers.TPESampler(
+        n_startup_trials=request.startup_trials, multivariate=True, seed=seed
+    )
+    trials = _try(surrogate, request, d_safety_um, sampler)
+    feasible = trials[trials["feasible"]]
+    if feasible.empty:
+        raise DldsimError(
+            f"design request {request.name}: none of {len(trials)} trials is feasible "
+            f"({', '.join(sorted(set(trials['reason'])))}). Widen gap_um upwards or "
+            "pillar_radius_um downwards, or raise trials."
+        )
+    designs = _designs(surrogate, request, feasible)
+    return designs, trials.drop(columns=["outside", "time_s"])
 
-    def objective(trial: "optuna.Trial") -> float:
+
+def _try(
+    surrogate: Surrogate, request: "DesignRequest", d_safety_um: float,
+    sampler: "optuna.samplers.BaseSampler",
+) -> pd.DataFrame:
+    """The request's trials as a sampler chooses them.
+
+    Columns of `design_trials`, and `outside` and `time_s`.
+    """
+    import optuna
+
+    rows: list[dict[str, Any]] = []
+    start = perf_counter()
+
+    def objective(trial: optuna.Trial) -> float:
         radius = trial.suggest_float("pillar_radius_um", *request.pillar_radius_um)
         gap = trial.suggest_float("gap_um", *request.gap_um)
         periodicity = trial.suggest_int("periodicity", *request.periodicity)
@@ -87,7 +125,7 @@ def search(
         separation = np.nan if broken else abs(_difference(surrogate, request, row)[0])
         rows.append({"request": request.name, "trial": trial.number} | row | {
             "separation_deg": separation, "feasible": not broken, "reason": "; ".join(broken),
-            "outside": outside,
+            "outside": outside, "time_s": perf_counter() - start,
         })
         if broken:
             raise optuna.TrialPruned
@@ -96,24 +134,72 @@ def search(
     verbosity = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     try:
-        sampler = optuna.samplers.TPESampler(
-            n_startup_trials=request.startup_trials, multivariate=True, seed=seed
-        )
         study = optuna.create_study(direction="maximize", sampler=sampler)
         study.optimize(objective, n_trials=request.trials)
     finally:
         optuna.logging.set_verbosity(verbosity)
+    return pd.DataFrame(rows)
 
-    trials = pd.DataFrame(rows)
-    feasible = trials[trials["feasible"]]
-    if feasible.empty:
-        raise DldsimError(
-            f"design request {request.name}: none of {len(trials)} trials is feasible "
-            f"({', '.join(sorted(set(trials['reason'])))}). Widen gap_um upwards or "
-            "pillar_radius_um downwards, or raise trials."
-        )
-    designs = _designs(surrogate, request, feasible)
-    return designs, trials.drop(columns="outside")
+
+def regret(
+    surrogate: Surrogate, request: "DesignRequest", d_safety_um: float, seed: int
+) -> pd.DataFrame:
+    """What TPE, random and exhaustive search miss of the largest separation; `search_regret`.
+
+    A trial counts if it is feasible and inside the training geometries. The largest separation is
+    that which any search found, the finest grid included: the true one may be larger by what falls
+    between its points. TPE and random search of one repeat begin with the same random trials.
+    """
+    import optuna
+
+    _check(surrogate, request, d_safety_um)
+    samplers = {
+        "tpe": lambda seed: optuna.samplers.TPESampler(
+            n_startup_trials=request.startup_trials, multivariate=True, seed=seed),
+        "random": lambda seed: optuna.samplers.RandomSampler(seed=seed),
+    }
+    looks = np.unique(np.geomspace(1, request.trials, REGRET_POINTS).round().astype(int))
+    rows = []
+    for method, make in samplers.items():
+        for repeat in range(REGRET_REPEATS):
+            trials = _try(surrogate, request, d_safety_um, make(seed + repeat))
+            counts = trials["feasible"] & (trials["outside"] <= DOMAIN_TOLERANCE)
+            best = trials["separation_deg"].where(counts, 0.0).cummax()
+            rows += [
+                {"method": method, "repeat": repeat, "evaluations": int(n),
+                 "best_deg": best.iloc[n - 1], "time_s": trials["time_s"].iloc[n - 1]}
+                for n in looks
+            ]  # fmt: skip
+    for steps in GRID_STEPS:
+        start = perf_counter()
+        evaluations, best = _exhaust(surrogate, request, d_safety_um, steps)
+        rows.append({"method": "grid", "repeat": 0, "evaluations": evaluations, "best_deg": best,
+                     "time_s": perf_counter() - start})
+    table = pd.DataFrame(rows)
+    return table.assign(request=request.name,
+                        regret_deg=table["best_deg"].max() - table["best_deg"])
+
+
+def _exhaust(
+    surrogate: Surrogate, request: "DesignRequest", d_safety_um: float, steps: int
+) -> tuple[int, float]:
+    """Points of a grid, and the largest separation [deg] among those that count; 0 for none."""
+    low, high = request.periodicity
+    axes = (np.linspace(*request.pillar_radius_um, steps), np.linspace(*request.gap_um, steps),
+            np.arange(low, high + 1))
+    radius, gap, rows = (v.ravel() for v in np.meshgrid(*axes, indexing="ij"))
+    limits = [violations(request, d_safety_um, r, g)
+              for r, g in zip(radius, gap, strict=True)]
+    good = np.array([max(v.values()) <= 0 for v in limits])
+    for cell in {request.radius_1_um, request.radius_2_um}:
+        good &= surrogate.may_be_inside(radius, gap, rows, cell)
+    first, second = _angles(surrogate, request, radius, gap, rows)
+    separation = np.where(good, np.abs(second - first), -1.0)
+    for i in np.argsort(-separation, kind="stable")[: int(good.sum())]:
+        place = dict(zip(GEOMETRY, (radius[i], gap[i], int(rows[i])), strict=True))
+        if _distance_outside(surrogate, request, place) <= DOMAIN_TOLERANCE:
+            return len(rows), float(separation[i])
+    return len(rows), 0.0
 
 
 def _check(surrogate: Surrogate, request: "DesignRequest", d_safety_um: float) -> None:
@@ -186,7 +272,11 @@ def _designs(
     least, largest = _over_tolerance(surrogate, request, table)
     table["separation_tolerance_min_deg"] = least
     table["separation_tolerance_max_deg"] = largest
-    table["uncertainty_deg"] = surrogate.rmse_deg * sqrt(2)
+    sigma = [surrogate.sigma_num_deg(angle, table["periodicity"]) for angle in (first, second)]
+    known = all(part is not None for part in sigma)
+    table["sigma_num_deg"] = np.hypot(*sigma) if known else np.nan
+    table["uncertainty_deg"] = np.hypot(surrogate.rmse_deg * sqrt(2),
+                                        table["sigma_num_deg"].fillna(0.0))
     table = table.sort_values(
         ["inside_training_domain", "separation_deg", "separation_tolerance_min_deg", "trial"],
         ascending=[False, False, False, True],
@@ -196,13 +286,13 @@ def _designs(
         if len(chosen) < request.candidates and all(_distinct(request, row, c) for c in chosen):
             chosen.append(row)
     designs = pd.DataFrame(chosen)
-    designs["rank"] = np.arange(1, len(designs) + 1)
-    designs["verdict"] = [_verdict(row) for _, row in designs.iterrows()]
+    designs["rank"] = ranks = _ranks(designs)
+    designs["verdict"] = [_verdict(row, ranks.count(row["rank"])) for _, row in designs.iterrows()]
     designs = designs.astype({"periodicity": int, "inside_training_domain": bool})
     columns = [
         "request", "rank", *GEOMETRY, "separation_deg", "angle_1_deg", "angle_2_deg",
-        "separation_tolerance_min_deg", "separation_tolerance_max_deg", "uncertainty_deg",
-        "verdict", "inside_training_domain",
+        "separation_tolerance_min_deg", "separation_tolerance_max_deg", "sigma_num_deg",
+        "uncertainty_deg", "verdict", "inside_training_domain",
     ]
     return designs[columns].reset_index(drop=True)
 
@@ -230,13 +320,37 @@ def _distinct(request: "DesignRequest", a: pd.Series, b: pd.Series) -> bool:
     )
 
 
-def _verdict(row: pd.Series) -> str:
+def _ranks(designs: pd.DataFrame) -> list[int]:
+    """Rank of each design, best first: 1 + number of designs before its class of equals.
+
+    Equal to the first of its class: on the same side of the training domain, and apart by less than
+    the combined σ_num of the two separations. Without σ_num every design has its own rank.
+    """
+    ranks: list[int] = []
+    leader = None
+    for place, (_, row) in enumerate(designs.iterrows()):
+        equal = leader is not None and (
+            row["inside_training_domain"] == leader["inside_training_domain"]
+            and leader["separation_deg"] - row["separation_deg"]
+            < hypot(leader["sigma_num_deg"], row["sigma_num_deg"])
+        )
+        if not equal:
+            leader = row
+        ranks.append(ranks[-1] if equal else place + 1)
+    return ranks
+
+
+def _verdict(row: pd.Series, equals: int) -> str:
     if row["separation_deg"] <= row["uncertainty_deg"]:
         verdict = "not resolved: separation below uncertainty"
     elif row["separation_tolerance_min_deg"] <= row["uncertainty_deg"]:
         verdict = "not robust: resolved at nominal size, not over the tolerance"
     else:
         verdict = "resolved"
+    if equals > 1:
+        verdict += f"; one of {equals} not ranked against each other: closer than σ_num"
+    if np.isnan(row["sigma_num_deg"]):
+        verdict += "; numerical uncertainty not studied"
     if not row["inside_training_domain"]:
         verdict += "; extrapolated: outside the training geometries"
     return verdict

@@ -26,8 +26,6 @@ MODES = ("bump", "mixed", "zigzag", "none")
 MODE_COLOUR = {"bump": "#0072B2", "mixed": "#009E73", "zigzag": "#D55E00", "none": "#7F7F7F"}
 MODE_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
 SET_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
-VARIANT_COLOUR = {"half-way": "#D55E00", "interpolated": "#0072B2"}
-VARIANT_MARKER = {"half-way": "s", "interpolated": "o"}
 SPLIT_COLOUR = {"random": "#56B4E9", "geometry": "#D55E00"}
 GREY = "#5F6368"
 PILLAR = "#C9CDD2"
@@ -65,7 +63,7 @@ STYLE = {
 }
 
 
-def _styled(draw):
+def styled(draw):
     """Apply the house style while a figure is drawn."""
 
     @functools.wraps(draw)
@@ -275,70 +273,26 @@ def best_so_far(trials: pd.DataFrame) -> pd.DataFrame:
     return trials.assign(best_deg=separation.cummax().ffill())
 
 
-SERIES = ["case", "quantity", "variant", "parameter"]
-"""Columns that name a series of comparisons at different resolutions."""
-
-
-def with_levels(validation: pd.DataFrame) -> pd.DataFrame:
-    """Measured comparisons with the columns level, 0 for the coarsest of its series, and finest."""
-    table = validation[validation["relative_error"].notna()].copy()
-    resolution = table["resolution"].fillna(0.0)
-    series = resolution.groupby([table[name] for name in SERIES], dropna=False)
-    table["level"] = series.rank(method="dense").astype(int) - 1
-    table["finest"] = resolution == series.transform("max")
-    return table
-
-
-def convergence(validation: pd.DataFrame) -> pd.DataFrame:
-    """Root mean square error over the series of each case, variant and level.
-
-    Only comparisons with a mark in series of several levels. Columns: case, variant, level,
-    resolution (mean over the series), error.
-    """
-    table = with_levels(validation)
-    several = table.groupby(SERIES, dropna=False)["level"].transform("max") > 0
-    table = table[several & table["mark"].notna()]
-    table = table.assign(square=table["relative_error"] ** 2)
-    levels = table.groupby(["case", "variant", "level"], sort=False)
-    means = levels[["resolution", "square"]].mean().reset_index()
-    return means.assign(error=np.sqrt(means["square"])).drop(columns="square")
-
-
-def observed_orders(validation: pd.DataFrame) -> pd.DataFrame:
-    """Order between the coarsest and the finest level of `convergence`; case, variant, order.
-
-    Pooled over the series, since the error of one quantity may pass through zero. Without those
-    that are exact to rounding.
-    """
-    means = convergence(validation)
-    ends = means.groupby(["case", "variant"], sort=False)[["resolution", "error"]].agg(
-        ["first", "last"])
-    ends = ends[ends["error", "last"] > 1e-7]
-    gain = np.log(ends["error", "first"] / ends["error", "last"])
-    order = gain / np.log(ends["resolution", "last"] / ends["resolution", "first"])
-    return order.rename("order").reset_index()
-
-
 # ------------------------------------------------------------------------------------- small parts
 
 
-def _ordered(values) -> list:
+def ordered(values) -> list:
     return sorted(pd.unique(pd.Series(values)))
 
 
-def _shades(values, name: str = "viridis", top: float = 0.88) -> dict:
+def shades_of(values, name: str = "viridis", top: float = 0.88) -> dict:
     """One colour per distinct value, dark to light."""
-    values = _ordered(values)
+    values = ordered(values)
     colours = matplotlib.colormaps[name](np.linspace(0.0, top, max(len(values), 2)))
     return {value: matplotlib.colors.to_hex(c) for value, c in zip(values, colours, strict=False)}
 
 
 def _set_markers(runs: pd.DataFrame) -> dict:
-    sets = _ordered(runs["stiffness_set"])
+    sets = ordered(runs["stiffness_set"])
     return {name: SET_MARKERS[i % len(SET_MARKERS)] for i, name in enumerate(sets)}
 
 
-def _multiples(count: int, columns: int, width: float, height: float, **options):
+def multiples(count: int, columns: int, width: float, height: float, **options):
     """Figure and flat list of count axes in a grid; width of all, height of one row [inch]."""
     columns = min(columns, count)
     lines = -(-count // columns)
@@ -349,21 +303,21 @@ def _multiples(count: int, columns: int, width: float, height: float, **options)
     return figure, axes[:count]
 
 
-def _dot(axes, x, y, colour, marker, filled, **options):
+def dot(axes, x, y, colour, marker, filled, **options):
     axes.plot(
         x, y, marker, color=colour, markerfacecolor=colour if filled else "white",
         markeredgewidth=1.1, **options,
     )
 
 
-def _key(colour=GREY, marker="none", line="none", filled=True, label=""):
+def key(colour=GREY, marker="none", line="none", filled=True, label=""):
     return Line2D(
         [], [], color=colour, marker=marker, linestyle=line, label=label, markeredgewidth=1.1,
         markerfacecolor=colour if filled else "white",
     )
 
 
-def _legend(figure, handles, **options):
+def legend(figure, handles, **options):
     figure.legend(
         handles=handles, loc="outside lower center", ncols=options.pop("ncols", 5),
         columnspacing=1.4, handletextpad=0.5, **options,
@@ -372,11 +326,11 @@ def _legend(figure, handles, **options):
 
 def _mode_keys(runs: pd.DataFrame) -> list:
     present = [mode for mode in MODES if (runs["mode"] == mode).any()]
-    return [_key(MODE_COLOUR[m], MODE_MARKER[m], label=mode_name(m)) for m in present]
+    return [key(MODE_COLOUR[m], MODE_MARKER[m], label=mode_name(m)) for m in present]
 
 
 def _open_key(runs: pd.DataFrame) -> list:
-    open_ = [_key(GREY, "o", filled=False, label="not converged")]
+    open_ = [key(GREY, "o", filled=False, label="not converged")]
     return open_ if (~settled(runs)).any() else []
 
 
@@ -387,14 +341,14 @@ def _dodge(index: int, count: int, width: float) -> float:
 
 def _step(values) -> float:
     """Smallest distance between distinct values, 1 where there is only one."""
-    values = _ordered(values)
+    values = ordered(values)
     return float(np.diff(values).min()) if len(values) > 1 else 1.0
 
 
 # --------------------------------------------------------------------------------------- cell runs
 
 
-@_styled
+@styled
 def draw_trajectories(panels: list[TrajectoryPanel]) -> Figure:
     """Paths over pillars with the true aspect ratio, and the deformation index below each."""
     width, left, right, strip = 9.2, 0.68, 0.12, 0.55
@@ -444,11 +398,11 @@ def draw_trajectories(panels: list[TrajectoryPanel]) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figure:
     """Every run at once, a column per N_p: lateral steps summed up, and height in the gap."""
     runs = runs[runs["rows_completed"] > 0]
-    periodicities, longest = _ordered(runs["periodicity"]), runs["rows_completed"].max()
+    periodicities, longest = ordered(runs["periodicity"]), runs["rows_completed"].max()
     tracks = {} if trajectories is None else dict(list(trajectories.groupby("run_id")))
     lines = 2 if tracks else 1
     figure = Figure(figsize=(9.2, 2.9 * lines), layout="constrained")
@@ -482,28 +436,28 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
     if tracks:
         grid[1, 0].set_ylabel("height in gap\n(0 lower, 1 upper pillar)")
     handles = [
-        _key(MODE_COLOUR[m], line="-", label=mode_name(m))
+        key(MODE_COLOUR[m], line="-", label=mode_name(m))
         for m in MODES if (runs["mode"] == m).any()
     ]
-    handles.append(_key("black", line=":", label="full bump"))
+    handles.append(key("black", line=":", label="full bump"))
     if (~settled(runs)).any():
-        handles.append(_key(GREY, line="--", label="not converged"))
+        handles.append(key(GREY, line="--", label="not converged"))
     if runs["status"].isin(["stuck", "unstable", "failed"]).any():
-        handles.append(_key("black", "x", label="run broke off here"))
-    _legend(figure, handles, ncols=7)
+        handles.append(key("black", "x", label="run broke off here"))
+    legend(figure, handles, ncols=7)
     return figure
 
 
-@_styled
+@styled
 def draw_angles(runs: pd.DataFrame) -> Figure:
     """θ_m against gap, a panel per P_r (against N_p where each P_r has a single gap)."""
     points = measured(runs)
-    radii = _ordered(points["pillar_radius_um"])
+    radii = ordered(points["pillar_radius_um"])
     against_gap = points.groupby("pillar_radius_um")["gap_um"].nunique().max() > 1
     x_name = "gap_um" if against_gap else "periodicity"
-    colours, markers = _shades(points["periodicity"]), _set_markers(points)
+    colours, markers = shades_of(points["periodicity"]), _set_markers(points)
     dodge = 0.34 * _step(points[x_name])
-    figure, panels = _multiples(len(radii), 3, 9.2, 3.3, sharey=True)
+    figure, panels = multiples(len(radii), 3, 9.2, 3.3, sharey=True)
     for panel, radius in zip(panels, radii, strict=True):
         here = points[points["pillar_radius_um"] == radius]
         for periodicity, of_period in here.groupby("periodicity"):
@@ -522,31 +476,31 @@ def draw_angles(runs: pd.DataFrame) -> Figure:
                 panel.errorbar(x, of_set["migration_angle_deg"], bars, fmt="none", ecolor=colour,
                                elinewidth=0.9)
                 for filled, part in of_set.groupby(settled(of_set)):
-                    _dot(panel, part[x_name] + _dodge(index, len(markers), dodge),
+                    dot(panel, part[x_name] + _dodge(index, len(markers), dodge),
                          part["migration_angle_deg"], colour, marker, filled)
         gap = "" if against_gap else f", $P_g$ = {here['gap_um'].iloc[0]:g} µm"
         panel.set_title(f"$P_r$ = {radius:g} µm{gap}")
         panel.set_xlabel("gap $P_g$ [µm]" if against_gap else "periodicity $N_p$")
-        panel.set_xticks(_ordered(points[x_name]))
+        panel.set_xticks(ordered(points[x_name]))
         if panel.get_subplotspec().is_first_col():
             panel.set_ylabel(r"migration angle $\theta_m$ [°]")
-    handles = [_key(c, "s", label=f"$N_p$ = {p}") for p, c in colours.items()]
-    handles += [_key(GREY, m, label=f"set {name}") for name, m in markers.items()]
-    handles += [_key(GREY, line=":", label="full bump angle")] + _open_key(points)
-    _legend(figure, handles, ncols=8)
+    handles = [key(c, "s", label=f"$N_p$ = {p}") for p, c in colours.items()]
+    handles += [key(GREY, m, label=f"set {name}") for name, m in markers.items()]
+    handles += [key(GREY, line=":", label="full bump angle")] + _open_key(points)
+    legend(figure, handles, ncols=8)
     return figure
 
 
-@_styled
+@styled
 def draw_deformability(runs: pd.DataFrame) -> Figure:
     """θ_m over the bump angle against the calibrated DI, a line per array, a panel per P_r."""
     points = measured(runs)
     points = points[points["deformation_index"].notna()]
-    radii = _ordered(points["pillar_radius_um"])
-    colours = _shades(points["periodicity"])
-    gaps = _ordered(points["gap_um"])
+    radii = ordered(points["pillar_radius_um"])
+    colours = shades_of(points["periodicity"])
+    gaps = ordered(points["gap_um"])
     styles = {gap: ["-", "--", "-.", ":"][i % 4] for i, gap in enumerate(gaps)}
-    figure, panels = _multiples(len(radii), 3, 9.2, 3.0, sharey=True, sharex=True)
+    figure, panels = multiples(len(radii), 3, 9.2, 3.0, sharey=True, sharex=True)
     for panel, radius in zip(panels, radii, strict=True):
         here = points[points["pillar_radius_um"] == radius]
         for (gap, periodicity), array in here.groupby(["gap_um", "periodicity"]):
@@ -556,20 +510,20 @@ def draw_deformability(runs: pd.DataFrame) -> Figure:
                        color=colours[periodicity], linewidth=1)
             for filled in (True, False):
                 part = settled(array) == filled
-                _dot(panel, array["deformation_index"][part], ratio[part], colours[periodicity],
+                dot(panel, array["deformation_index"][part], ratio[part], colours[periodicity],
                      "o", filled, markersize=4)
         panel.axhline(1, color="black", linestyle=":", linewidth=1)
         panel.set_title(f"$P_r$ = {radius:g} µm")
         panel.set_xlabel("deformation index DI")
         if panel.get_subplotspec().is_first_col():
             panel.set_ylabel(r"$\theta_m$ / bump angle")
-    handles = [_key(c, "o", label=f"$N_p$ = {p}") for p, c in colours.items()]
-    handles += [_key(GREY, line=s, label=f"$P_g$ = {g:g} µm") for g, s in styles.items()]
-    _legend(figure, handles + _open_key(points), ncols=7)
+    handles = [key(c, "o", label=f"$N_p$ = {p}") for p, c in colours.items()]
+    handles += [key(GREY, line=s, label=f"$P_g$ = {g:g} µm") for g, s in styles.items()]
+    legend(figure, handles + _open_key(points), ncols=7)
     return figure
 
 
-@_styled
+@styled
 def draw_first_period(runs: pd.DataFrame) -> Figure:
     """First-period angle (the source paper's protocol) against the converged one."""
     points = measured(runs)
@@ -581,29 +535,29 @@ def draw_first_period(runs: pd.DataFrame) -> Figure:
     low, high = min(0.0, both.min().min()) - pad, both.max().max() + pad
     left.plot([low, high], [low, high], ":", color="black", linewidth=1)
     for (mode, filled), part in points.groupby(["mode", settled(points)]):
-        _dot(left, part["migration_angle_deg"], part["first_period_angle_deg"],
+        dot(left, part["migration_angle_deg"], part["first_period_angle_deg"],
              MODE_COLOUR[mode], MODE_MARKER[mode], filled)
     left.set(xlabel=r"$\theta_m$ at the end of the run [°]", ylabel="angle of first period [°]",
              xlim=(low, high), ylim=(low, high), aspect="equal")
     bumps = points[(points["mode"] == "bump") & (points["migration_angle_deg"] > 0)]
-    periodicities = _ordered(bumps["periodicity"])
-    gaps = _shades(bumps["gap_um"], "cividis")
+    periodicities = ordered(bumps["periodicity"])
+    gaps = shades_of(bumps["gap_um"], "cividis")
     for (gap, filled), part in bumps.groupby(["gap_um", settled(bumps)]):
         offset = _dodge(list(gaps).index(gap), len(gaps), 0.5)
         places = part["periodicity"].map(periodicities.index) + offset
-        _dot(right, places, part["first_period_angle_deg"] / part["migration_angle_deg"],
+        dot(right, places, part["first_period_angle_deg"] / part["migration_angle_deg"],
              gaps[gap], "o", filled)
     right.axhline(1, color="black", linestyle=":", linewidth=1)
     right.set_xticks(range(len(periodicities)), [str(p) for p in periodicities])
     right.set(xlabel="periodicity $N_p$", ylabel="first period / end of run", ylim=(0, None))
     right.set_title("bumping runs")
-    right.legend(handles=[_key(c, "o", label=f"$P_g$ = {g:g} µm") for g, c in gaps.items()],
+    right.legend(handles=[key(c, "o", label=f"$P_g$ = {g:g} µm") for g, c in gaps.items()],
                  loc="lower right", ncols=2)
-    _legend(figure, _mode_keys(points) + _open_key(points))
+    legend(figure, _mode_keys(points) + _open_key(points))
     return figure
 
 
-@_styled
+@styled
 def draw_mode_map(points: pd.DataFrame) -> Figure:
     """Modes over row shift and size against D_c = 1.4 G ε^0.48, and the angle across that line.
 
@@ -611,19 +565,19 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     """
     figure = Figure(figsize=(9.2, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    periodicities = _ordered(points["periodicity"])
+    periodicities = ordered(points["periodicity"])
     width = 0.6 * _step(periodicities)
     span = np.linspace(max(periodicities[0] - width, 1.5), periodicities[-1] + width, 200)
     law = critical_size_ratio(1 / span)
     left.fill_between(span, (1 - SCATTER_OF_LAW) * law, (1 + SCATTER_OF_LAW) * law, color="#E8E4D8")
     left.plot(span, law, color="black", linewidth=1.2)
     columns = points[["pillar_radius_um", "stiffness_set"]].apply(tuple, axis=1)
-    order = {key: i for i, key in enumerate(_ordered(columns))}
+    order = {key: i for i, key in enumerate(ordered(columns))}
     for (mode, filled), part in points.groupby(["mode", settled(points)]):
         places = [_dodge(order[key], len(order), width) for key in columns[part.index]]
-        _dot(left, part["periodicity"] + places, part["size_over_gap"], MODE_COLOUR[mode],
+        dot(left, part["periodicity"] + places, part["size_over_gap"], MODE_COLOUR[mode],
              MODE_MARKER[mode], filled, markersize=4.5)
-        _dot(right, part["size_over_critical"], part["angle_ratio"], MODE_COLOUR[mode],
+        dot(right, part["size_over_critical"], part["angle_ratio"], MODE_COLOUR[mode],
              MODE_MARKER[mode], filled, markersize=4.5)
     left.set_xticks(periodicities, [f"{p}\n{1 / p:.3g}" for p in periodicities])
     left.set(xlabel=r"periodicity $N_p$, and row shift fraction $\varepsilon = 1/N_p$",
@@ -635,23 +589,23 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     right.axhline(0, color="black", linestyle=":", linewidth=1)
     right.set(xlabel="cell size / $D_c$", ylabel=r"$\theta_m$ / bump angle")
     handles = _mode_keys(points) + _open_key(points)
-    handles.append(_key("black", line="-", label=r"$D_c = 1.4\,G\,\varepsilon^{0.48}$ (± 10 %)"))
-    _legend(figure, handles)
+    handles.append(key("black", line="-", label=r"$D_c = 1.4\,G\,\varepsilon^{0.48}$ (± 10 %)"))
+    legend(figure, handles)
     return figure
 
 
 # -------------------------------------------------------------------------------------- calibration
 
 
-@_styled
+@styled
 def draw_calibration(
     runs: pd.DataFrame, calibration: pd.DataFrame, correlations: pd.DataFrame | None
 ) -> Figure:
     """DI per group with scatter over release positions, and the correlations with the moduli."""
     figure = Figure(figsize=(9.2, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.35, 1))
-    groups = _ordered(calibration["group"])
-    designs = _ordered(runs["design"])
+    groups = ordered(calibration["group"])
+    designs = ordered(runs["design"])
     shades = dict(zip(designs, ("#0072B2", "#E69F00", "#009E73", "#CC79A7"), strict=False))
     seen = runs[runs["deformation_index"].notna() & runs["group"].isin(groups)]
     for index, design in enumerate(designs):
@@ -673,14 +627,14 @@ def draw_calibration(
     ]
     left.set_xticks(range(len(groups)), names)
     left.set(ylabel="deformation index DI", ylim=(0, 1), xlim=(-0.6, len(groups) - 0.4))
-    handles = [_key(shades[d], "o", label=f"one run ({d})") for d in designs]
-    handles += [_key("black", "s", label="mean ± standard deviation"),
-                _key(GREY, "D", filled=False, label="source paper")]
+    handles = [key(shades[d], "o", label=f"one run ({d})") for d in designs]
+    handles += [key("black", "s", label="mean ± standard deviation"),
+                key(GREY, "D", filled=False, label="source paper")]
     if correlations is None or not len(correlations):
         right.remove()
     else:
         _draw_correlations(right, correlations)
-    _legend(figure, handles)
+    legend(figure, handles)
     return figure
 
 
@@ -720,7 +674,7 @@ def _draw_correlations(axes, correlations: pd.DataFrame) -> None:
     axes.set_title("Pearson correlation")
 
 
-@_styled
+@styled
 def draw_moduli(runs: pd.DataFrame) -> Figure:
     """DI of each constriction run against k_s, k_α, k_b and the velocity."""
     seen = runs[runs["deformation_index"].notna()]
@@ -728,8 +682,8 @@ def draw_moduli(runs: pd.DataFrame) -> Figure:
         "ks_uN_per_m": "$k_s$ [µN/m]", "kal_uN_per_m": r"$k_\alpha$ [µN/m]",
         "kb_pN_um": "$k_b$ [pN·µm]", "velocity_mm_s": "velocity [mm/s]",
     }
-    figure, panels = _multiples(4, 4, 9.2, 2.5, sharey=True)
-    groups = _shades(seen["group"])
+    figure, panels = multiples(4, 4, 9.2, 2.5, sharey=True)
+    groups = shades_of(seen["group"])
     for panel, (name, label) in zip(panels, names.items(), strict=True):
         for group, part in seen.groupby("group"):
             panel.plot(part[name], part["deformation_index"], "o", color=groups[group],
@@ -740,15 +694,15 @@ def draw_moduli(runs: pd.DataFrame) -> Figure:
             panel.xaxis.set_minor_formatter("")
         panel.set(xlabel=label, ylim=(0, 1))
     panels[0].set_ylabel("deformation index DI")
-    _legend(figure, [_key(c, "o", label=g) for g, c in groups.items()], ncols=7)
+    legend(figure, [key(c, "o", label=g) for g, c in groups.items()], ncols=7)
     return figure
 
 
-@_styled
+@styled
 def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
     """Diameters D (along the flow), H (across) and DI along the channel, coloured by group."""
     group_of = runs.set_index("run_id")["group"]
-    colours = _shades(group_of)
+    colours = shades_of(group_of)
     names = {
         "diameter_d_um": "$D$ along flow [µm]", "diameter_h_um": "$H$ across flow [µm]",
         "deformation_index": "DI",
@@ -762,7 +716,7 @@ def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
         panel.set_ylabel(label)
         panel.set_ylim(bottom=0)
     panels[-1].set_xlabel("centre of mass along the channel $x$ [µm]")
-    _legend(figure, [_key(c, line="-", label=g) for g, c in colours.items()], ncols=7)
+    legend(figure, [key(c, line="-", label=g) for g, c in colours.items()], ncols=7)
     return figure
 
 
@@ -782,7 +736,7 @@ def _term(name: str) -> str:
     return name
 
 
-@_styled
+@styled
 def draw_effects(anova: pd.DataFrame) -> Figure:
     """Partial η² of every term, a panel per model; filled where p < 0.05."""
     table = anova[anova["partial_eta_sq"].notna()]
@@ -806,11 +760,11 @@ def draw_effects(anova: pd.DataFrame) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def draw_robustness(robustness: pd.DataFrame) -> Figure:
     """Stability score over gap and N_p, a panel per P_r; a frame marks the most stable 15 %."""
-    radii = _ordered(robustness["pillar_radius_um"])
-    figure, panels = _multiples(len(radii), 3, 9.2, 3.2)
+    radii = ordered(robustness["pillar_radius_um"])
+    figure, panels = multiples(len(radii), 3, 9.2, 3.2)
     scores = robustness["stability_score_deg2"].dropna()
     low, high = scores.min(), scores.max()
     wide = low > 0 and high / low > 30
@@ -818,7 +772,7 @@ def draw_robustness(robustness: pd.DataFrame) -> Figure:
     colours = matplotlib.colormaps["cividis"]
     for panel, radius in zip(panels, radii, strict=True):
         here = robustness[robustness["pillar_radius_um"] == radius]
-        gaps, periods = _ordered(here["gap_um"]), _ordered(here["periodicity"])
+        gaps, periods = ordered(here["gap_um"]), ordered(here["periodicity"])
         for _, row in here.iterrows():
             corner = (gaps.index(row["gap_um"]) - 0.5, periods.index(row["periodicity"]) - 0.5)
             score = row["stability_score_deg2"]
@@ -851,7 +805,7 @@ def draw_robustness(robustness: pd.DataFrame) -> Figure:
 # --------------------------------------------------------------------------- surrogate and designs
 
 
-@_styled
+@styled
 def draw_benchmark(scores: pd.DataFrame, benchmark: pd.DataFrame) -> Figure:
     """RMSE and R² per model, random split beside split by geometry.
 
@@ -868,9 +822,9 @@ def draw_benchmark(scores: pd.DataFrame, benchmark: pd.DataFrame) -> Figure:
                   markersize=8, alpha=0.7)
         part = scores[scores["split"] == split]
         places = part["model"].map(models.index) + offset
-        _dot(left, part["rmse_deg"], places, colour, marker, True, markersize=6)
+        dot(left, part["rmse_deg"], places, colour, marker, True, markersize=6)
         r2 = part["r2"].astype(float)
-        _dot(right, r2.clip(lower=-0.2), places, colour, marker, True, markersize=6)
+        dot(right, r2.clip(lower=-0.2), places, colour, marker, True, markersize=6)
         for place, value in zip(places, r2, strict=True):
             if value < -0.2:
                 right.annotate(f"−{-value:.2g}", (-0.2, place), xytext=(-6, 0), ha="right",
@@ -880,14 +834,14 @@ def draw_benchmark(scores: pd.DataFrame, benchmark: pd.DataFrame) -> Figure:
     left.set(xlabel=r"RMSE of $\theta_m$ [°]", xlim=(0, None))
     right.set(xlabel="$R^2$ of all held-out predictions", xlim=(-0.35, 1.03))
     right.axvline(0, color=GREY, linewidth=0.8)
-    handles = [_key(SPLIT_COLOUR["random"], "o", label="random split"),
-               _key(SPLIT_COLOUR["geometry"], "D", label="split by geometry"),
-               _key(GREY, "|", label="single fold")]
-    _legend(figure, handles)
+    handles = [key(SPLIT_COLOUR["random"], "o", label="random split"),
+               key(SPLIT_COLOUR["geometry"], "D", label="split by geometry"),
+               key(GREY, "|", label="single fold")]
+    legend(figure, handles)
     return figure
 
 
-@_styled
+@styled
 def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> Figure:
     """Predicted against simulated θ_m of one model: random split left, split by geometry right."""
     part = predictions[predictions["model"] == model]
@@ -905,22 +859,22 @@ def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> 
             panel.fill_between(line, line - rmse, line + rmse, color="#EDEFF2")
             panel.set_title(f"{model}, {split} split: RMSE {rmse:.2g}°")
         for filled, dots in part[part["split"] == split].groupby("converged"):
-            _dot(panel, dots["observed_deg"], dots["predicted_deg"], colour, "o", filled,
+            dot(panel, dots["observed_deg"], dots["predicted_deg"], colour, "o", filled,
                  markersize=4.5)
         panel.set(xlim=limits, ylim=limits, aspect="equal", xlabel=r"simulated $\theta_m$ [°]")
     panels[0].set_ylabel(r"predicted $\theta_m$, held out [°]")
-    handles = [_key(GREY, "o", label="converged"),
-               _key(GREY, "o", filled=False, label="not converged"),
-               _key("black", line="-", label="exact, shade ± RMSE")]
-    _legend(figure, handles)
+    handles = [key(GREY, "o", label="converged"),
+               key(GREY, "o", filled=False, label="not converged"),
+               key("black", line="-", label="exact, shade ± RMSE")]
+    legend(figure, handles)
     return figure
 
 
-@_styled
+@styled
 def draw_search(trials: pd.DataFrame) -> Figure:
     """Course of the TPE search: separation per trial and the best so far, a panel per request."""
     requests = list(dict.fromkeys(trials["request"]))
-    figure, panels = _multiples(len(requests), 2, 9.2, 3.1)
+    figure, panels = multiples(len(requests), 2, 9.2, 3.1)
     for panel, request in zip(panels, requests, strict=True):
         part = best_so_far(trials[trials["request"] == request])
         good = part["feasible"].astype(bool) & part["separation_deg"].notna()
@@ -932,19 +886,19 @@ def draw_search(trials: pd.DataFrame) -> Figure:
         panel.step(part["trial"], part["best_deg"], where="post", color="#0072B2")
         panel.set_title(request)
         panel.set(xlabel="trial", ylabel="separation [°]", ylim=(0, None))
-    handles = [_key("#56B4E9", "o", label="feasible trial"),
-               _key(GREY, "x", label="infeasible trial"),
-               _key("#0072B2", line="-", label="best so far")]
-    _legend(figure, handles)
+    handles = [key("#56B4E9", "o", label="feasible trial"),
+               key(GREY, "x", label="infeasible trial"),
+               key("#0072B2", line="-", label="best so far")]
+    legend(figure, handles)
     return figure
 
 
-@_styled
+@styled
 def draw_designs(designs: pd.DataFrame) -> Figure:
     """Ranked designs: separation with its range over the fabrication tolerance, and uncertainty."""
     requests = list(dict.fromkeys(designs["request"]))
     tallest = designs.groupby("request").size().max()
-    figure, panels = _multiples(len(requests), 2, 9.2, 1.1 + 0.34 * tallest)
+    figure, panels = multiples(len(requests), 2, 9.2, 1.1 + 0.34 * tallest)
     for panel, request in zip(panels, requests, strict=True):
         part = designs[designs["request"] == request].sort_values("rank", ascending=False)
         places = np.arange(len(part))
@@ -953,7 +907,7 @@ def draw_designs(designs: pd.DataFrame) -> Figure:
                      part["separation_tolerance_max_deg"], color="#0072B2", linewidth=2.2)
         inside = part["inside_training_domain"].astype(bool).to_numpy()
         for filled in (True, False):
-            _dot(panel, part["separation_deg"][inside == filled], places[inside == filled],
+            dot(panel, part["separation_deg"][inside == filled], places[inside == filled],
                  "#0072B2", "o", filled, markersize=6)
         panel.set_yticks(places, [
             f"{row['rank']}:  $P_r$ {row['pillar_radius_um']:.3g}, $P_g$ {row['gap_um']:.3g} µm, "
@@ -962,18 +916,18 @@ def draw_designs(designs: pd.DataFrame) -> Figure:
         panel.grid(axis="y", visible=False)
         panel.set_title(request)
         panel.set(xlabel="predicted separation [°]", xlim=(0, None))
-    handles = [_key("#0072B2", "o", label="nominal"),
-               _key("#0072B2", "o", filled=False, label="outside training domain"),
-               _key("#0072B2", line="-", label="over fabrication tolerance"),
-               _key("#E8E4D8", "s", label="uncertainty of a difference")]
-    _legend(figure, handles)
+    handles = [key("#0072B2", "o", label="nominal"),
+               key("#0072B2", "o", filled=False, label="outside training domain"),
+               key("#0072B2", line="-", label="over fabrication tolerance"),
+               key("#E8E4D8", "s", label="uncertainty of a difference")]
+    legend(figure, handles)
     return figure
 
 
 # --------------------------------------------------------------------------------- flow, numerics
 
 
-@_styled
+@styled
 def draw_flows(flows: pd.DataFrame) -> Figure:
     """Permeability against solid fraction, and tilt under axial force against N_p."""
     flows = flows[flows["permeability_over_pitch2"].notna()]
@@ -982,7 +936,7 @@ def draw_flows(flows: pd.DataFrame) -> Figure:
     table = flows.assign(solid_fraction=solid, gap_over_pitch=flows["gap_um"] / pitch)
     figure = Figure(figsize=(9.2, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    colours = _shades(table["periodicity"])
+    colours = shades_of(table["periodicity"])
     for periodicity, part in table.groupby("periodicity"):
         part = part.sort_values("solid_fraction")
         left.plot(part["solid_fraction"], part["permeability_over_pitch2"], "o",
@@ -1002,11 +956,11 @@ def draw_flows(flows: pd.DataFrame) -> Figure:
     figure.colorbar(scale, ax=right, label=r"$P_g/\lambda$", shrink=0.9)
     right.set(xlabel="periodicity $N_p$", ylabel="tilt of the stream under axial force [°]",
               ylim=(min(0, 1.05 * table["tilt_deg"].min()), None))
-    right.set_xticks(_ordered(table["periodicity"]))
+    right.set_xticks(ordered(table["periodicity"]))
     return figure
 
 
-@_styled
+@styled
 def draw_numerics(runs: pd.DataFrame) -> Figure:
     """Cost per step against nodes, drift of volume and area, and wall time per run."""
     figure = Figure(figsize=(9.2, 3.1), layout="constrained")
@@ -1032,132 +986,6 @@ def draw_numerics(runs: pd.DataFrame) -> Figure:
                       color=MODE_COLOUR[mode], markersize=4, label=mode_name(mode))
     time.set(xlabel="rows passed", ylabel="wall time of a run [s]", ylim=(0, None))
     time.legend()
-    return figure
-
-
-# ------------------------------------------------------------------------------------- validation
-
-
-def _variant_keys(variants) -> list:
-    return [_key(VARIANT_COLOUR[v], VARIANT_MARKER[v], "-", label=f"{v} bounce-back")
-            for v in VARIANT_COLOUR if v in set(variants)]
-
-
-@_styled
-def draw_convergence(validation: pd.DataFrame) -> Figure:
-    """Error over resolution, a panel per fluid case: thin each series, thick the root mean square.
-
-    Cases that are exact to rounding have no panel.
-    """
-    table = with_levels(validation[validation["group"] == "fluid"])
-    means = convergence(table)
-    means = means[means["error"] > 1e-7]
-    cases = list(dict.fromkeys(means["case"]))
-    figure, panels = _multiples(len(cases), 3, 9.2, 2.9)
-    for panel, case in zip(panels, cases, strict=True):
-        here, of_case = means[means["case"] == case], table[table["case"] == case]
-        for (variant, *_), part in of_case[of_case["mark"].notna()].groupby(
-            ["variant", "quantity", "parameter"], dropna=False
-        ):
-            panel.plot(part["resolution"], part["relative_error"].abs(), linewidth=0.6, alpha=0.35,
-                       color=VARIANT_COLOUR.get(variant, GREY))
-        for variant, part in here.groupby("variant", sort=False):
-            panel.plot(part["resolution"], part["error"], color=VARIANT_COLOUR.get(variant, GREY),
-                       marker=VARIANT_MARKER.get(variant, "D"), linewidth=1.8)
-        x = np.array([here["resolution"].min(), here["resolution"].max()])
-        for order, line in ((1, ":"), (2, "--")):
-            panel.plot(x, here["error"].max() * (x / x[0]) ** -order, line, color="black",
-                       linewidth=0.9)
-        panel.set(xscale="log", yscale="log", xlabel=of_case["resolution_of"].iloc[0],
-                  ylim=(here["error"].min() / 8, here["error"].max() * 4))
-        ticks = _ordered(here["resolution"].round())
-        panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-        panel.minorticks_off()
-        panel.set_title(case)
-        if panel.get_subplotspec().is_first_col():
-            panel.set_ylabel("|relative error|")
-    _legend(figure, [*_variant_keys(means["variant"]), _key(GREY, "D", "-", label="other variants"),
-                     _key("black", line=":", label="order 1"),
-                     _key("black", line="--", label="order 2")])
-    return figure
-
-
-@_styled
-def draw_square_arrays(validation: pd.DataFrame) -> Figure:
-    """Permeability error of square arrays over the solid fraction, a panel per bounce-back."""
-    table = validation[validation["case"] == "square-arrays"].dropna(subset="relative_error")
-    variants = [v for v in VARIANT_COLOUR if (table["variant"] == v).any()]
-    figure = Figure(figsize=(9.2, 3.4), layout="constrained")
-    panels = figure.subplots(1, len(variants), squeeze=False, sharey=True)[0]
-    colours = _shades(table["resolution"])
-    for panel, variant in zip(panels, variants, strict=True):
-        of_variant = table[table["variant"] == variant]
-        for resolution, part in of_variant.groupby("resolution"):
-            part = part.sort_values("parameter")
-            panel.plot(part["parameter"], part["relative_error"].abs(), "-",
-                       marker=VARIANT_MARKER[variant], color=colours[resolution])
-            panel.plot(part["parameter"], part["mark"], ":", color=colours[resolution])
-        panel.set(yscale="log", xlabel="solid fraction", title=f"{variant} bounce-back")
-    panels[0].set_ylabel("|relative error| of the permeability")
-    _legend(figure, [*(_key(c, "o", "-", label=f"{r:g} nodes per pitch")
-                       for r, c in colours.items()), _key(GREY, line=":", label="allowed")])
-    return figure
-
-
-@_styled
-def draw_tilts(validation: pd.DataFrame) -> Figure:
-    """Tilt under axial force: computed against reference, and its error over the resolution."""
-    tilts = with_levels(validation[validation["quantity"].str.startswith("tilt")])
-    figure = Figure(figsize=(9.2, 3.8), layout="constrained")
-    parity, error = figure.subplots(1, 2)
-    top = 1.06 * tilts["reference"].max()
-    parity.plot([0, top], [0, top], color="black", linewidth=1)
-    for variant, part in tilts.groupby("variant", sort=False):
-        colour = VARIANT_COLOUR.get(variant, GREY)
-        for case, marker in (("row-shifted-arrays", "o"), ("finite-height-arrays", "^")):
-            dots = part[part["finest"] & (part["case"] == case)]
-            _dot(parity, dots["reference"], dots["value"], colour, marker,
-                 variant == "interpolated")
-            off = part[part["case"] == case]
-            _dot(error, off["resolution"], (off["value"] - off["reference"]).abs(), colour, marker,
-                 variant == "interpolated")
-    parity.set(xlabel="reference tilt [°]", ylabel="computed tilt, finest resolution [°]",
-               xlim=(0, top), ylim=(0, top), aspect="equal")
-    error.set(xscale="log", yscale="log", xlabel="nodes per pitch", ylabel="|error| of tilt [°]")
-    ticks = (20, 30, 40, 60, 80)
-    error.set_xticks(ticks, [str(tick) for tick in ticks])
-    error.minorticks_off()
-    present = set(tilts["variant"])
-    _legend(figure, [
-        *(_key(VARIANT_COLOUR[v], "o", filled=v == "interpolated", label=f"{v} bounce-back")
-          for v in VARIANT_COLOUR if v in present),
-        _key(GREY, "o", label="plane arrays"), _key(GREY, "^", label="arrays between plates"),
-    ])  # fmt: skip
-    return figure
-
-
-@_styled
-def draw_stretching(validation: pd.DataFrame) -> Figure:
-    """Axial and transverse diameter of a stretched red cell beside the experiment."""
-    table = validation[validation["case"] == "erythrocyte-stretching"].dropna(subset="value")
-    figure = Figure(figsize=(9.2, 3.6), layout="constrained")
-    panel = figure.subplots()
-    variants = list(dict.fromkeys(table["variant"]))
-    lines = dict(zip(variants, ("-", "--", ":"), strict=False))
-    for quantity, colour in (("axial diameter", "#0072B2"), ("transverse diameter", "#D55E00")):
-        part = table[table["quantity"] == quantity]
-        seen = part[part["variant"] == variants[-1]]
-        panel.errorbar(seen["parameter"], seen["reference"], seen["reference"] * seen["mark"],
-                       fmt="o", color=colour, capsize=3, markersize=4, linewidth=1)
-        for variant in variants:
-            ours = part[part["variant"] == variant]
-            panel.plot(ours["parameter"], ours["value"], lines[variant], color=colour)
-    panel.set(xlabel="force [pN]", ylabel="diameter [µm]", ylim=(0, None))
-    _legend(figure, [
-        _key("#0072B2", "o", label="axial, experiment"),
-        _key("#D55E00", "o", label="transverse, experiment"),
-        *(_key(GREY, line=lines[v], label=f"computed, {v}") for v in variants),
-    ])  # fmt: skip
     return figure
 
 

@@ -11,7 +11,7 @@ import os
 import time
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -174,6 +174,17 @@ class EmptyFlow:
             "mlups": self.nodes * self.steps / self.wall_time_s / 1e6,
             "status": "steady",
         }
+
+    def slower(self, factor: float) -> "EmptyFlow":
+        """The same flow at a velocity in lattice units smaller by ``factor``; Stokes flow only."""
+        numerics = self.numerics.model_copy(
+            update={"velocity_lu": self.numerics.velocity_lu / factor}
+        )
+        return replace(
+            self, numerics=numerics, body_force=self.body_force / factor,
+            mean_velocity=self.mean_velocity / factor,
+            populations=self.populations / self.populations.dtype.type(factor),
+        )  # fmt: skip
 
     def save(self, path: Path) -> None:
         """Write atomically as .npz."""

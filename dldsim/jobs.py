@@ -14,9 +14,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from dldsim import campaign
+from dldsim import accuracy, campaign
 from dldsim.config import (
     Cell,
+    Config,
     Constriction,
     ConstrictionGroup,
     DesignRequest,
@@ -129,31 +130,71 @@ def run_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Path, r
 
 def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
     """Write the two tables of a RunResult."""
-    blank = {"deformation_index": None, "deformation_index_std": None}
     write_table("trajectory", result.trajectory, trajectory, provenance(settings))
-    write_table("runs", [{**result.row, **blank}], row, provenance(settings))
+    write_table("runs", [{**NOT_JOINED, **result.row}], row, provenance(settings))
+
+
+NOT_JOINED = {"deformation_index": None, "deformation_index_std": None, "sigma_num_deg": None,
+              "sigma_num_basis": "not joined yet"}
+"""Columns of `runs` that are filled when the runs are gathered."""
 
 
 def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path,
                  progress: Progress) -> None:
-    """One run of the accuracy study: its row of `runs`."""
-    def simulate() -> None:
-        from dldsim.simulation import simulate_run
+    """One run of the accuracy study: its row of `runs` or `constriction_runs`."""
+    variant = accuracy.parse_variant(identifier)
+    kind = accuracy.kind_of(variant)
+    cell, flow = Cell(**settings["cell"]), Flow(**settings["flow"])
+    numerics = Numerics(**settings["numerics"])
 
-        result = simulate_run(
-            Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]),
-            Cell(**settings["cell"]), Flow(**settings["flow"]), Numerics(**settings["numerics"]),
-            RunControl(**settings["run_control"]), run_id=identifier,
-            stiffness_set=settings["stiffness_set"], progress=progress,
-        )  # fmt: skip
-        blank = {"deformation_index": None, "deformation_index_std": None}
-        write_table("runs", [{**result.row, **blank}], row, provenance(settings))
+    def simulate() -> None:
+        if kind == "runs":
+            from dldsim.simulation import simulate_run
+
+            result = simulate_run(
+                Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]), cell, flow,
+                numerics, RunControl(**settings["run_control"]), run_id=identifier,
+                stiffness_set=settings["stiffness_set"], progress=progress,
+            )  # fmt: skip
+            result = {**NOT_JOINED, **result.row}
+        else:
+            from dldsim.constriction import simulate_constriction
+
+            result = simulate_constriction(
+                variant.run, ConstrictionGroup(**settings["group"]),
+                Constriction(**settings["constriction"]), cell, flow, numerics,
+                release_position_um=settings["release_position_um"], run_id=identifier,
+                progress=progress,
+            ).row
+        write_table(kind, [result], row, provenance(settings))
 
     def give_up(reason: str) -> None:
-        known = _known_of_run(identifier, Geometry(**settings["geometry"]), settings)
-        write_table("runs", [_failed("runs", known, reason)], row, provenance(settings))
+        if kind == "runs":
+            known = _known_of_run(identifier, Geometry(**settings["geometry"]), settings)
+        else:
+            known = _known_of_constriction(identifier, variant.run, settings)
+        write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
 
     _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def gather_accuracy(rows: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
+                    table: Path, model: Path, classes: Path, runs: Path) -> None:
+    """Tables and model of the accuracy study from its runs (variant, file of its row)."""
+    found = []
+    for identifier, path in rows:
+        variant = accuracy.parse_variant(identifier)
+        found.append((variant, read_rows(accuracy.kind_of(variant), path)[0]))
+    points, fitted, checked = accuracy.study(found, config)
+    about = provenance(settings)
+    for kind, content, path in (
+        ("accuracy", points, table), ("sigma_num", accuracy.class_rows(fitted), classes),
+        ("sigma_num_runs", checked, runs),
+    ):  # fmt: skip
+        write_table(kind, content, path, about)
+        write_csv(kind, path)
+    with atomic_path(model) as part:
+        part.write_text(json.dumps(fitted, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def write_failed_run(identifier: str, settings: Mapping, reason: str, row: Path,
@@ -181,6 +222,7 @@ def _known_of_run(identifier: str, geometry: Geometry, settings: Mapping) -> dic
         **settings["stiffness"],
         "mean_velocity_mm_s": settings["flow"]["mean_velocity_mm_s"],
         "mode": "none",
+        "sigma_num_basis": "no angle",
         "bump_angle_deg": float(np.degrees(np.arctan(geometry.row_shift_fraction))),
         "rows_completed": 0,
         "orbit_rows": 0,
@@ -210,22 +252,27 @@ def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajector
         write_constriction(result, row, trajectory, settings)
 
     def give_up(reason: str) -> None:
-        springs = group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"})
-        known = {
-            "run_id": identifier,
-            "group": name,
-            "stiffness_set": group.stiffness_set or "",
-            **springs,
-            "velocity_mm_s": group.velocity_mm_s,
-            "design": RELEASE_DESIGN,
-            "release_position_um": release,
-        }
+        known = _known_of_constriction(identifier, name, settings)
         kind = "constriction_runs"
         write_table("constriction_trajectory", _empty("constriction_trajectory"), trajectory,
                     provenance(settings))
         write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
 
     _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dict:
+    """Columns of `constriction_runs` that do not need a simulation."""
+    group = ConstrictionGroup(**settings["group"])
+    return {
+        "run_id": identifier,
+        "group": name,
+        "stiffness_set": group.stiffness_set or "",
+        **group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"}),
+        "velocity_mm_s": group.velocity_mm_s,
+        "design": RELEASE_DESIGN,
+        "release_position_um": settings["release_position_um"],
+    }
 
 
 def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -> None:
@@ -235,6 +282,15 @@ def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -
     write_table("constriction_runs", [result.row], row, about)
 
 
+def _named_requests(requests: Iterable[DesignRequest], calibration) -> list[DesignRequest]:
+    """Requests with stiffness sets replaced by their index; `calibration` may be None."""
+    by_set = {}
+    if calibration is not None:
+        means = calibration.set_index("stiffness_set").deformation_index.drop("", errors="ignore")
+        by_set = means.dropna().to_dict()
+    return [request.with_deformation_indices(by_set) for request in requests]
+
+
 def search_designs(surrogate, requests: Iterable[DesignRequest], calibration,
                    safety_distance_um: float, seed: int) -> tuple[Any, Any]:
     """Designs and trials of all requests, as DataFrames; `calibration` is a DataFrame or None."""
@@ -242,19 +298,38 @@ def search_designs(surrogate, requests: Iterable[DesignRequest], calibration,
 
     from dldsim.design import search
 
-    by_set = {}
-    if calibration is not None:
-        means = calibration.set_index("stiffness_set").deformation_index.drop("", errors="ignore")
-        by_set = means.dropna().to_dict()
     found = [
         search(
-            surrogate, request.with_deformation_indices(by_set), safety_distance_um,
+            surrogate, request, safety_distance_um,
             campaign.derive_seed(seed, f"design/{request.name}"),
         )
-        for request in requests
+        for request in _named_requests(requests, calibration)
     ]  # fmt: skip
     designs, trials = zip(*found, strict=True)
     return pd.concat(designs, ignore_index=True), pd.concat(trials, ignore_index=True)
+
+
+def regret_job(settings: Mapping, *, model: Path, card: Path, calibration: Path,
+               table: Path) -> None:
+    """Regret of TPE, random and exhaustive search on the surrogate, with a CSV twin."""
+    import pandas as pd
+
+    from dldsim import surrogate
+    from dldsim.design import regret
+
+    requests = [DesignRequest(**request) for request in settings["design_requests"]]
+    fitted = surrogate.load(model, card)
+    found = [
+        regret(
+            fitted, request, settings["safety_distance_um"],
+            campaign.derive_seed(settings["seed"], f"regret/{request.name}"),
+        )
+        for request in _named_requests(requests, read_table("calibration", calibration))
+    ]  # fmt: skip
+    kind = "search_regret"
+    rows = pd.concat(found, ignore_index=True) if found else _empty(kind)
+    write_table(kind, rows, table, provenance(settings, settings["seed"]))
+    write_csv(kind, table)
 
 
 def design_job(settings: Mapping, *, model: Path, card: Path, calibration: Path, designs: Path,

@@ -19,7 +19,8 @@ import numpy as np
 import pandas as pd
 
 import dldsim
-from dldsim import figures
+from dldsim import accuracy_figures, figures, validation_figures
+from dldsim.accuracy import ANGLE, INDEX, SETTING, coverage
 from dldsim.campaign import settings_hash
 from dldsim.errors import DldsimError
 from dldsim.tables import atomic_path, read_table
@@ -38,7 +39,12 @@ TABLES = {
     "predictions": ("predictions.parquet", "benchmark"),
     "designs": ("designs.parquet", "designs"),
     "design_trials": ("design_trials.parquet", "designs"),
+    "learning_curve": ("learning_curve.parquet", "learning_curve"),
+    "search_regret": ("search_regret.parquet", "search_regret"),
     "validation": ("validation.parquet", "validation"),
+    "accuracy": ("accuracy.parquet", "accuracy"),
+    "sigma_num": ("sigma_num.parquet", "accuracy"),
+    "sigma_num_runs": ("sigma_num_runs.parquet", "accuracy"),
 }
 """Table kind: file in the results folder, rule that makes it."""
 REQUIRED = ("runs",)
@@ -263,7 +269,7 @@ def _summary(campaign: Campaign) -> str:
             cards.append((f"± {number(best['rmse_deg'], 2)}°",
                           f"error of {text(best['model'])} on arrays it has not seen (RMSE)"))
     if "designs" in campaign and len(campaign["designs"]):
-        best = campaign["designs"].sort_values("rank").iloc[0]
+        best = campaign["designs"].sort_values("rank", kind="stable").iloc[0]
         cards.append((f"{fixed(best['separation_deg'], 1)} ± {fixed(best['uncertainty_deg'], 1)}°",
                       f"separation of the best design ({text(best['request'])})"))
     parts = ['<div class="cards">' + "".join(
@@ -724,14 +730,16 @@ def _designs(campaign: Campaign) -> str:
     elif campaign["designs"].empty:
         parts.append('<p class="absent">The search found no feasible design.</p>')
     else:
-        designs = campaign["designs"].sort_values(["request", "rank"])
+        designs = campaign["designs"].sort_values(["request", "rank"], kind="stable")
         parts.append(campaign.figure(
             "designs", figures.draw_designs(designs),
             "Designs of the TPE search, predicted by the surrogate and not simulated. Line: range "
             "of the separation over the fabrication tolerance on <i>P</i><sub>r</sub> and "
-            "<i>P</i><sub>g</sub>. Shade: uncertainty of a difference of two predictions "
-            "(cross-validated RMSE by geometry × √2); a separation inside the shade is not "
-            "resolved.", ["designs"],
+            "<i>P</i><sub>g</sub>. Shade: uncertainty of a difference of two predictions, from "
+            "the cross-validated RMSE by geometry and, where it was studied, the numerical "
+            "uncertainty σ<sub>num</sub>; a separation inside the shade is not resolved. Designs "
+            "of one rank are closer than their σ<sub>num</sub>: their order means nothing.",
+            ["designs"],
         ))
         for request, table in designs.groupby("request", sort=False):
             parts.append(campaign.table(
@@ -746,6 +754,7 @@ def _designs(campaign: Campaign) -> str:
                     "separation [°]": [
                         f"{fixed(s, 2)} ± {fixed(u, 2)}" for s, u in zip(
                             table["separation_deg"], table["uncertainty_deg"], strict=True)],
+                    "σ<sub>num</sub> [°]": _angles(table["sigma_num_deg"]),
                     "over tolerance [°]": [
                         f"{fixed(a, 2)} to {fixed(b, 2)}" for a, b in zip(
                             table["separation_tolerance_min_deg"],
@@ -824,6 +833,7 @@ NUMERICS = {
     "area_drift_max": ("largest area drift", "1"),
     "min_clearance_um": ("smallest clearance", "µm"),
     "lateral_flux_ratio": ("lateral/axial flux", "1"),
+    "sigma_orbit_deg": ("σ<sub>orbit</sub> of θ<sub>m</sub>", "°"),
     "sigma_num_deg": ("σ<sub>num</sub> of θ<sub>m</sub>", "°"),
 }
 
@@ -874,7 +884,7 @@ def _validation(campaign: Campaign) -> str:
     ]
     if {"square-arrays", "row-shifted-arrays", "duct-poiseuille"} & present:
         parts.append(campaign.figure(
-            "convergence", figures.draw_convergence(table),
+            "convergence", validation_figures.draw_convergence(table),
             "Error over resolution: every quantity (thin) and their root mean square (thick). "
             "Surfaces that fit the lattice, and interpolated bounce-back on average, gain with "
             "order two; half-way bounce-back gains with order one, unsteadily, as the staircase "
@@ -882,20 +892,20 @@ def _validation(campaign: Campaign) -> str:
         ))
     if "square-arrays" in present:
         parts.append(campaign.figure(
-            "square_arrays", figures.draw_square_arrays(table),
+            "square_arrays", validation_figures.draw_square_arrays(table),
             "Permeability of square arrays of cylinders beside Sangani &amp; Acrivos (1982). "
             "Dotted: error of a wall out of place by half a node (half-way) or a tenth of one "
             "(interpolated). Measured.", ["validation"],
         ))
     if {"row-shifted-arrays", "finite-height-arrays"} & present:
         parts.append(campaign.figure(
-            "tilts", figures.draw_tilts(table),
+            "tilts", validation_figures.draw_tilts(table),
             "Angle by which the stream leaves the x axis under a force along x, beside independent "
             "computations; errors at all resolutions on the right. Measured.", ["validation"],
         ))
     if "erythrocyte-stretching" in present:
         parts.append(campaign.figure(
-            "stretching", figures.draw_stretching(table),
+            "stretching", validation_figures.draw_stretching(table),
             "Red cell pulled by optical tweezers, no parameter fitted. Bars: bounds of the "
             "experiment on the side of our value. Lines computed, points from literature (Mills et "
             "al. 2004, Suresh et al. 2005).", ["validation"],
@@ -904,16 +914,16 @@ def _validation(campaign: Campaign) -> str:
 
 
 def _case_table(campaign: Campaign) -> str:
-    table = figures.with_levels(campaign["validation"])
+    table = validation_figures.with_levels(campaign["validation"])
     unresolved = table.groupby("case")["resolution"].transform("count") == 0
     finest = table[table["finest"] & table["mark"].notna()
                    & (table["resolution"].notna() | unresolved)]
-    orders = figures.observed_orders(campaign["validation"])
+    orders = validation_figures.observed_orders(campaign["validation"])
     cases = verdicts(_records(campaign["validation"]))
 
     def largest_error(case: str) -> str:
         part = finest[finest["case"] == case].assign(size=lambda t: t["relative_error"].abs())
-        if not set(part["variant"]) <= set(figures.VARIANT_COLOUR):
+        if not set(part["variant"]) <= set(validation_figures.VARIANT_COLOUR):
             part = part.assign(variant="")
         return _by_variant(part.groupby("variant")["size"].max().items(), _percent)
 
@@ -978,6 +988,203 @@ def _records(table: pd.DataFrame) -> list[dict]:
     return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
+def _accuracy(campaign: Campaign) -> str:
+    parts = ["<h3>Simulation: error against run time</h3>"]
+    if "accuracy" not in campaign:
+        parts.append(campaign.absent("accuracy"))
+    else:
+        parts += _work_precision(campaign)
+    parts.append("<h3>Numerical uncertainty of an angle</h3>")
+    parts.append(_basis_of_sigma(campaign))
+    if {"sigma_num", "sigma_num_runs"} <= set(campaign.tables):
+        parts += _sigma_model(campaign)
+    parts.append("<h3>Surrogate: error against the number of runs</h3>")
+    if "learning_curve" not in campaign:
+        parts.append(campaign.absent("learning_curve"))
+    elif len(campaign["learning_curve"]):
+        sigma = campaign.runs["sigma_num_deg"].dropna()
+        parts.append(campaign.figure(
+            "learning_curve", accuracy_figures.draw_learning_curve(
+                campaign["learning_curve"],
+                float(np.sqrt(np.mean(sigma**2))) if len(sigma) else None),
+            "Left: error on arrays that were held out, against the number of runs learnt from; "
+            "median and quartiles over repeated splits. A curve that still falls at its right end "
+            "gains from more runs. Right: time of one fit, and of simulating the runs one after "
+            "the other. Measured.", ["learning_curve"],
+        ))
+    parts.append("<h3>Design search: regret against time</h3>")
+    if "search_regret" not in campaign:
+        parts.append(campaign.absent("search_regret"))
+    elif len(campaign["search_regret"]):
+        parts.append(campaign.figure(
+            "search_regret", accuracy_figures.draw_regret(campaign["search_regret"]),
+            "What a search misses of the largest separation that any of them found, against the "
+            "geometries tried and against time; median and range over repeats with different "
+            "seeds. Every evaluation is a prediction of the surrogate, not a simulation, and the "
+            "largest separation is one of the surrogate too. Measured.", ["search_regret"],
+        ))
+    return "\n".join(parts)
+
+
+def _work_precision(campaign: Campaign) -> list[str]:
+    table = campaign["accuracy"]
+    angles, indices = (table[table["quantity"] == q] for q in (ANGLE, INDEX))
+    parts = [
+        "<p><b>Measured</b>: angles, deformation indices and wall times of the runs named below, "
+        "each repeated with other numerical settings. <b>Assumed</b>: that the combined reference "
+        "is near enough to the limit of vanishing spacing and time step; its own error is not in "
+        "the figures. Nothing here is from literature. An error of θ<sub>m</sub> is given as a "
+        "share of the bump angle, which it can hardly exceed: where a setting changes the mode, it "
+        "says that the mode is undecided, and not by how much. Angles are means over nearby "
+        "starts; the shaded band is what they differ by through the starts alone, and smaller "
+        "errors mean nothing.</p>",
+    ]
+    for part, quantity, name in ((angles, ANGLE, "knobs_angle"), (indices, INDEX, "knobs_index")):
+        if (part["kind"] == "knob").any() and part["error_share"].notna().any():
+            parts.append(campaign.figure(
+                name, accuracy_figures.draw_knobs(part, quantity),
+                f"Error of {accuracy_figures.NAMES[quantity]} against the finest value of each "
+                "knob, all else at its default, over the wall time of a run. Ringed: the default. "
+                "Open: a motion that did not repeat. Errors below 0.01 % are drawn there.",
+                ["accuracy"],
+            ))
+    whole = {q: accuracy_figures.overall(table, q) for q in (ANGLE, INDEX)}
+    if any(len(t) for t in whole.values()):
+        parts.append(campaign.figure(
+            "pareto", accuracy_figures.draw_pareto(table),
+            "Error against the combined reference, root mean square over the cases, and cost. "
+            "On the Pareto front no other setting studied is both cheaper and better.",
+            ["accuracy"],
+        ))
+        parts.append(campaign.figure(
+            "gains", accuracy_figures.draw_gains(table),
+            "Which knob buys most: change of that error when one setting leaves its default, with "
+            "the factor in wall time. To the left it gets better. Inside the band it is not told "
+            "from the choice of the start.", ["accuracy"],
+        ))
+        parts.append(_settings_table(campaign))
+    missing = table[table["value"].isna()]
+    if len(missing):
+        parts.append(campaign.table(
+            {"case": _texts(missing["case"]), "setting": [
+                f"{text(knob)} = {text(value)}" for knob, value in zip(
+                    missing["knob"], missing["setting"], strict=True)],
+             "status": _texts(missing["status"])},
+            "Points without a value; they are in no figure.", ["accuracy"],
+        ))
+    parts.append(_points_table(campaign))
+    return parts
+
+
+def _settings_table(campaign: Campaign) -> str:
+    whole = campaign["accuracy"]
+    whole = whole[whole["kind"] == SETTING]
+
+    def value(row) -> str:
+        unit = "°" if row["quantity"] == ANGLE else ""
+        return fixed(row["value"], 2 if unit else 4) + unit
+
+    rows = [row for _, row in whole.iterrows()]
+    return campaign.table(
+        {
+            "case": _texts(whole["case"]), "setting": _texts(whole["knob"]),
+            "differs from the default in": [
+                "nothing" if s == "{}" else text(s.strip("{}").replace('"', ""))
+                for s in whole["setting"]],
+            "θ<sub>m</sub> or DI": map(value, rows),
+            "mode": [text(row["mode"].strip("/")) for row in rows],
+            "error": map(_percent, whole["error_to_reference_share"]),
+            "starts": map(_percent, whole["noise_share"]),
+            "wall time [s]": _numbers(whole["wall_time_s"], 2),
+            "spacing [µm]": _numbers(whole["spacing_um"]),
+            "status": _texts(whole["status"]),
+        },
+        "Whole settings against the combined reference. Error: of the mean over the starts, as a "
+        "share of the bump angle or of the reference's deformation index. Starts: what the starts "
+        "alone make such an error differ by. Shaded: a motion did not repeat, its angle is not "
+        "converged.", ["accuracy"], ~whole["settled"].astype(bool),
+    )
+
+
+def _points_table(campaign: Campaign) -> str:
+    table = campaign["accuracy"]
+    knobs = table[table["kind"] != SETTING]
+    inner = campaign.table(
+        {
+            "case": _texts(knobs["case"]), "knob": _texts(knobs["knob"]),
+            "value": [text(s.strip('"')) + (" (default)" if d else "") for s, d in zip(
+                knobs["setting"], knobs["is_default"], strict=True)],
+            "θ<sub>m</sub> [°] or DI": _angles(knobs["value"].astype(float), 4),
+            "error": map(_percent, knobs["error_share"]),
+            "to the reference": map(_percent, knobs["error_to_reference_share"]),
+            "wall time [s]": _numbers(knobs["wall_time_s"], 2),
+            "status": _texts(knobs["status"]),
+        },
+        "One knob at a time: error against the finest value of the knob (the last of its list), "
+        "and against the combined reference. Shaded: not converged.", ["accuracy"],
+        ~knobs["settled"].astype(bool),
+    )
+    return f"<details><summary>Table of all {len(knobs)} points</summary>\n{inner}\n</details>"
+
+
+def _basis_of_sigma(campaign: Campaign) -> str:
+    bases = campaign.runs["sigma_num_basis"].value_counts()
+    listed = "; ".join(f"{text(basis)} ({counted(int(n), 'run')})" for basis, n in bases.items())
+    return (
+        "<p>σ<sub>num</sub>² = σ<sub>orbit</sub>² + (<i>c</i> θ<sub>bump</sub>)²: how well the "
+        "motion repeats, and what the angle of a run of that mode is off by at default settings, "
+        "measured on other runs. It is one standard deviation. In this campaign it is "
+        f"{listed}.</p>"
+    )
+
+
+def _sigma_model(campaign: Campaign) -> list[str]:
+    classes, runs = campaign["sigma_num"], campaign["sigma_num_runs"]
+    found = {role: coverage(_records(runs), role) for role in ("model", "check")}
+    parts = []
+    if runs["error_over_sigma"].notna().any():
+        parts.append(campaign.figure(
+            "sigma_num", accuracy_figures.draw_sigma(runs),
+            "Error of runs at default settings against the same runs at the combined reference, "
+            "beside the σ<sub>num</sub> that the model gives them. Of the "
+            f"{found['check']['runs']} check runs, which the model has not seen, "
+            f"{found['check']['within_1_sigma']} are within one σ<sub>num</sub> and "
+            f"{found['check']['within_2_sigma']} within two; normal errors would be so in 68 % and "
+            f"95 % of cases. Of the {found['model']['runs']} runs fitted to: "
+            f"{found['model']['within_1_sigma']} and {found['model']['within_2_sigma']}. Measured.",
+            ["sigma_num_runs"],
+        ))
+    parts.append(campaign.table(
+        {
+            "class": _texts(classes["class"]), "studied runs": _numbers(classes["runs"]),
+            "rms of error / θ<sub>bump</sub>": map(_percent, classes["rms_share"]),
+            "factor for few runs": _angles(classes["confidence_factor"]),
+            "<i>c</i>": map(_percent, classes["share"]),
+        },
+        "Coefficients of σ<sub>num</sub>. Unsettled: a motion that did not repeat, whatever its "
+        "mode. The factor is Student's t at one standard deviation.", ["sigma_num"],
+    ))
+    parts.append(campaign.table(
+        {
+            "run": _texts(runs["run_id"]), "role": _texts(runs["role"]),
+            "mode": [text(m if m == r else f"{m}, reference {r}") for m, r in zip(
+                runs["mode"], runs["reference_mode"], strict=True)],
+            "θ<sub>m</sub> [°]": _angles(runs["migration_angle_deg"]),
+            "reference [°]": _angles(runs["reference_angle_deg"]),
+            "error [°]": _angles(runs["error_deg"]),
+            "σ<sub>num</sub> [°]": _angles(runs["sigma_num_deg"]),
+            "spacings [µm]": [f"{number(a)}, {number(b)}" for a, b in zip(
+                runs["spacing_um"], runs["reference_spacing_um"], strict=True)],
+            "status": [text(s if s == r else f"{s}, reference {r}") for s, r in zip(
+                runs["status"], runs["reference_status"], strict=True)],
+        },
+        "Runs of the model and its check. Shaded: a motion did not repeat, here or at the "
+        "reference.", ["sigma_num_runs"],
+        ~(runs["status"].isin(figures.SETTLED) & runs["reference_status"].isin(figures.SETTLED)),
+    ))
+    return parts
+
+
 def _all_runs(campaign: Campaign) -> str:
     runs = campaign.runs.sort_values("run_id")
     status = ["not converged" if s == "period_limit" else s for s in runs["status"]]
@@ -1015,6 +1222,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Campaign], str]], ...] = (
     ("flow", "Flow without a cell", _flow),
     ("numerics", "Numerics", _numerics),
     ("validation", "Validation", _validation),
+    ("accuracy", "Accuracy", _accuracy),
     ("runs", "All runs", _all_runs),
 )
 

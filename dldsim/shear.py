@@ -8,7 +8,6 @@ modulus G_s.
 
 import math
 import time
-from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -19,23 +18,19 @@ from dldsim.config import Cell, Numerics, Stiffness
 from dldsim.errors import DldsimError
 from dldsim.flow import Fluid
 from dldsim.lattice import VELOCITIES, WEIGHTS, make_lattice, viscosity
-from dldsim.reference import read_reference
+from dldsim.stability import elastic_frequency, frequency_limit
 from dldsim.units import Units
-from dldsim.validation import Comparison
 
 Law = Literal["neo-Hookean", "Skalak", "springs"]
 
-STIFFEST = 0.05
-"""Largest G_s in lattice units; with the 2-point kernel and τ = 1.25 neo-Hookean capsules hold at
-0.07 and diverge at 0.1, with τ = 0.8 they diverge at 0.07."""
 SAMPLES = 20
-"""Per strain time 1/γ̇; the result is the mean over the last two of these times."""
+"""Per window; a window is a strain time 1/γ̇, or a third of a run shorter than three of them."""
 
 
 class ShearRun(NamedTuple):
     """A capsule in shear.
 
-    ``drift``: difference of the Taylor deformation between the two last strain times, over which
+    ``drift``: difference of the Taylor deformation between the two last windows, over which
     deformation and inclination are averaged; ``history`` (T, 3): γ̇t, Taylor deformation,
     inclination [deg].
     """
@@ -107,7 +102,7 @@ def capsule_in_shear(
     height: float = 8,
     length: float = 6.5,
     width: float = 6,
-    kernel_points: int = 2,
+    kernel: str = "compact",
     edge_to_spacing: float = 1.0,
     relaxation_time: float = 1.25,
     reynolds_number: float = 0.5,
@@ -118,7 +113,8 @@ def capsule_in_shear(
 
     ``bending``: κ/(G_s a²); its rest angles are those of the sphere or, if ``flat_rest_angles``,
     flat. ``radius`` in nodes; ``height``, ``length`` and ``width`` of the box in radii.
-    ``reynolds_number``: largest γ̇ a²/ν. ``duration`` in strain times, 3 + 9 Ca unless given: the
+    ``reynolds_number``: largest γ̇ a²/ν, less where the membrane asks for a shorter step
+    (:mod:`dldsim.stability`). ``duration`` in strain times, 3 + 9 Ca unless given: the
     relaxation of the shape takes a time in proportion to Ca/γ̇.
 
     Plates 8 radii apart raise the deformation by 2 %, the images along the flow lower it. At the
@@ -128,169 +124,63 @@ def capsule_in_shear(
     """
     start = time.perf_counter()
     nu = viscosity(relaxation_time)
-    shear_rate = reynolds_number * nu / radius**2
-    shear_rate = min(shear_rate, STIFFEST * capillary_number / (nu * radius))
-    modulus = nu * shear_rate * radius / capillary_number
-    moduli = moduli_of(law, modulus, bending * modulus * radius**2)
-
     numerics = Numerics(
-        spacing_um=1, relaxation_time=relaxation_time, kernel_points=kernel_points,
+        spacing_um=1, relaxation_time=relaxation_time, kernel=kernel,
         edge_to_spacing=edge_to_spacing, contact_range_um=0, precision=precision,
     )  # fmt: skip
-    nx, ny, nz = (round(radii * radius) for radii in (length, width, height))
-    plates = -shear_rate * nz / 2, shear_rate * nz / 2
-    solid = np.zeros((nx, ny), bool)
-    lattice = make_lattice(solid, nz, walls=True, wall_velocities=plates, dtype=precision)
-    fluid = Fluid.of(lattice, numerics)
-    start_shear(fluid, shear_rate)
-
-    scene = CellInFlow(
-        fluid, Units(1.0, 1.0, 1.0, 1.0, nu), Cell(shape="sphere", radius_um=radius),
-        Stiffness(**dict.fromkeys(Stiffness.model_fields, 0)), numerics, {}, np.eye(2), np.zeros(2),
-    )  # fmt: skip
-    scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
-    rest = scene.membrane
-    scene.moduli = moduli._replace(kv=volume_stiffness(math.inf, rest.rest_area, rest.rest_volume))
-    if flat_rest_angles:
-        scene.membrane = rest._replace(rest_angles=np.zeros_like(rest.rest_angles))
-    scene.place((nx / 2, ny / 2, nz / 2))
+    shape = tuple(round(radii * radius) for radii in (length, width, height))
+    unit = moduli_of(law, 1.0, bending * radius**2)
+    probe = _scene(shape, 0.0, radius, unit, flat_rest_angles, numerics)
+    stiffest = frequency_limit(relaxation_time, kernel) / elastic_frequency(probe)
+    shear_rate = min(reynolds_number / radius**2, stiffest * capillary_number / radius / nu**2) * nu
+    modulus = nu * shear_rate * radius / capillary_number
+    moduli = moduli_of(law, modulus, bending * modulus * radius**2)
+    scene = _scene(shape, shear_rate, radius, moduli, flat_rest_angles, numerics)
 
     history = []
     duration = duration or 3 + 9 * capillary_number
+    window = min(1, duration / 3)
     while not history or history[-1][0] < duration:
-        scene.advance(2 * max(1, round(1 / (2 * SAMPLES * shear_rate))))
+        scene.advance(2 * max(1, round(window / (2 * SAMPLES * shear_rate))))
         sample = scene.sample()
         if trouble := sample.trouble():
             raise DldsimError(
                 f"{law} capsule at Ca {capillary_number:g}, step {scene.steps}: {trouble}. "
                 "Lower reynolds_number, or raise relaxation_time."
             )
-        a, b, inclination = inertia_ellipse(scene.body.x, rest.faces)
+        a, b, inclination = inertia_ellipse(scene.body.x, scene.membrane.faces)
         history.append((scene.steps * shear_rate, (a - b) / (a + b), inclination))
     history = np.array(history)
     before, last = (history[-n:, 1:][:SAMPLES].mean(axis=0) for n in (2 * SAMPLES, SAMPLES))
     return ShearRun(
         *((before + last) / 2), last[0] - before[0], history, sample.volume_ratio,
-        sample.area_ratio, modulus, shear_rate, scene.vertices, lattice.nodes, scene.steps,
-        time.perf_counter() - start,
+        sample.area_ratio, modulus, shear_rate, scene.vertices, scene.fluid.lattice.nodes,
+        scene.steps, time.perf_counter() - start,
     )  # fmt: skip
 
 
-RADII = 6, 9
-LAWS = {"NH": "neo-Hookean", "SK": "Skalak"}
-SMALL_CA = 0.02
-SMALL_BENDING = 0.001
-"""κ/(G_s a²) that keeps wrinkles down; in linear elasticity it lowers D by less than 1 %."""
-SMALL_DEFORMATION = {"neo-Hookean": 25 / 12, "Skalak": 25 / 12, "springs": 35 / 16}
-"""D/Ca = 5/4 (2 + ν)/(1 + ν) with ν = (K − G_s)/(K + G_s), K = 3 G_s or, for springs, 2 G_s."""
-BARTHES_BIESEL = "Barthes-Biesel & Rallison 1981, J. Fluid Mech. 113:251"
-
-
-def thickness_mark(radius: float) -> float:
-    """Allowed relative error at a radius in nodes, that of a membrane half a node thicker."""
-    return 0.5 / radius
-
-
-ORDER = 1.5
-"""Of the extrapolation: at Ca 0.0375 the error goes with 27/r + 62/r² % (r = 4 … 10)."""
-EXTRAPOLATED_MARK = 0.02
-"""The reference's 0.4 to 2.7 %, the box's 0.4 %, and 1 % for an order of 1.25 to 1.75."""
-INCLINATION_MARK = 0.05
-"""The box turns the capsule by up to 0.7° of the 20° at Ca 0.6."""
-
-
-def extrapolate(values: list[float]) -> float:
-    """Limit of values at RADII by an error of order ORDER."""
-    ratio = (RADII[1] / RADII[0]) ** ORDER
-    return (ratio * values[1] - values[0]) / (ratio - 1)
-
-
-def validation_rows() -> Iterator[Comparison]:
-    """Taylor deformation and inclination of capsules, with G_s in every Ca.
-
-    Marks. At one resolution 0.5/radius: the coupling spreads the membrane over about a node, which
-    acts like a thicker one (published 0.3 to 0.5 nodes). Extrapolated 2 %, what reference, box and
-    order of convergence leave open. Inclination 5 %, for the box. Without mark: kernels, boxes,
-    flat rest angles, digitised curves of membranes without bending, and the spring network beside
-    the neo-Hookean reference of its shear modulus.
-    """
-    for law, ratio in SMALL_DEFORMATION.items():
-        about = {"variant": f"{law}, small deformation", "source": BARTHES_BIESEL}
-        yield from _convergence(law, SMALL_CA, SMALL_BENDING, ratio * SMALL_CA, about)
-    finest = {}
-    for row in read_reference("capsule_in_shear_boundary_integral"):
-        law, ca, bending = LAWS[row["law"]], row["Ca_G"], row["bending_kappa_over_Gs_a2"]
-        about = {"variant": f"{law}, κ = {bending:g} G_s a²", "source": row["source"]}
-        run = yield from _convergence(
-            law, ca, bending, row["taylor_D"], about, row["inclination_deg"]
-        )
-        finest[law, ca, bending] = run.taylor_deformation, row["taylor_D"]
-    yield from _published({ca: d for (law, ca, b), (d, _) in finest.items() if b})
-    yield from _variants({ca: d for (law, ca, b), (_, d) in finest.items() if b})
-
-
-def _convergence(law, ca, bending, reference, about, inclination=None):
-    """Rows at RADII and extrapolated; returns the finest run."""
-    values = []
-    about = {"parameter": ca, "parameter_of": "capillary number", **about}
-    for radius in RADII:
-        run = capsule_in_shear(law, ca, bending=bending, radius=radius)
-        values.append(run.taylor_deformation)
-        at = {**about, "resolution": radius, "resolution_of": "radius of the capsule"}
-        note = f"drift {run.drift:+.4f}, volume {run.volume_ratio - 1:+.2%}, {run.steps} steps"
-        yield Comparison(
-            "Taylor deformation", values[-1], reference, thickness_mark(radius), note=note, **at
-        )
-        if inclination is not None:
-            yield Comparison(
-                "inclination", run.inclination_deg, inclination, INCLINATION_MARK, "deg", **at
-            )
-    note = f"from radius {RADII[0]} and {RADII[1]}, by an order of {ORDER}"
-    about["variant"] += ", extrapolated"
-    value = extrapolate(values)
-    yield Comparison("Taylor deformation", value, reference, EXTRAPOLATED_MARK, note=note, **about)
-    return run
-
-
-def _published(ours):
-    """Steady published values beside ours (by Ca); digitised curves that end early are left out."""
-    for row in read_reference("capsule_in_shear_published"):
-        if row["t_end"] >= 4 and row["Ca_G"] in ours:
-            yield Comparison(
-                "Taylor deformation", ours[row["Ca_G"]], row["D_last_unit_mean"],
-                variant=f"neo-Hookean, {row['curve']}", parameter=row["Ca_G"],
-                parameter_of="capillary number", resolution=RADII[1],
-                resolution_of="radius of the capsule", source=f"{row['curve']}, {row['source']}",
-                note="ours with κ = 0.01 G_s a², theirs without bending",
-            )  # fmt: skip
-
-
-def _variants(references):
-    """Other settings, beside the neo-Hookean references with bending (by Ca)."""
-    cubes = [
-        (f"neo-Hookean, cube {n} radii wide", "neo-Hookean", 0.3,
-         {"radius": 4, "height": n, "length": n, "width": n}, "")
-        for n in (8, 12, 16)
-    ]  # fmt: skip
-    kernels = [
-        (f"neo-Hookean, {points}-point kernel", "neo-Hookean", ca, {"kernel_points": points}, "")
-        for points in (3, 4)
-        for ca in (0.0375, 0.3, 0.6)
-    ]
-    flat = [
-        ("neo-Hookean, flat rest angles", "neo-Hookean", ca, {"flat_rest_angles": True}, "")
-        for ca in (0.0375, 0.3, 0.6)
-    ]
-    springs = [
-        ("springs beside neo-Hookean", "springs", ca, {},
-         "another law: springs of k_s = 4/√3 G_s, whose K is 2 G_s instead of 3 G_s")
-        for ca in (0.0375, 0.15, 0.3)
-    ]  # fmt: skip
-    for variant, law, ca, settings, note in cubes + kernels + flat + springs:
-        run = capsule_in_shear(law, ca, **settings)
-        yield Comparison(
-            "Taylor deformation", run.taylor_deformation, references[ca], variant=variant,
-            parameter=ca, parameter_of="capillary number", resolution=settings.get("radius", 6),
-            resolution_of="radius of the capsule", note=note,
-            source="boundary integral, neo-Hookean with κ = 0.01 G_s a²",
-        )  # fmt: skip
+def _scene(
+    shape: tuple, shear_rate: float, radius: int, moduli: mb.Moduli, flat_rest_angles: bool,
+    numerics: Numerics,
+) -> CellInFlow:  # fmt: skip
+    """A capsule at rest in the middle of a box of ``shape`` nodes, in steady shear."""
+    nx, ny, nz = shape
+    plates = -shear_rate * nz / 2, shear_rate * nz / 2
+    lattice = make_lattice(
+        np.zeros((nx, ny), bool), nz, walls=True, wall_velocities=plates, dtype=numerics.precision
+    )
+    fluid = Fluid.of(lattice, numerics)
+    start_shear(fluid, shear_rate)
+    scene = CellInFlow(
+        fluid, Units(1.0, 1.0, 1.0, 1.0, viscosity(numerics.relaxation_time)),
+        Cell(shape="sphere", radius_um=radius),
+        Stiffness(**dict.fromkeys(Stiffness.model_fields, 0)), numerics, {}, np.eye(2), np.zeros(2),
+    )  # fmt: skip
+    scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
+    rest = scene.membrane
+    stiffest = volume_stiffness(math.inf, rest.rest_area, rest.rest_volume, scene.units.viscosity_lu)
+    scene.moduli = moduli._replace(kv=stiffest)
+    if flat_rest_angles:
+        scene.membrane = rest._replace(rest_angles=np.zeros_like(rest.rest_angles))
+    scene.place((nx / 2, ny / 2, nz / 2))
+    return scene

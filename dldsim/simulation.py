@@ -13,6 +13,7 @@ from dldsim.config import CELL_NUMERICS, Cell, Flow, Geometry, Numerics, RunCont
 from dldsim.errors import DldsimError
 from dldsim.flow import EmptyFlow, Fluid, solve_empty_array
 from dldsim.geometry import ArrayLattice, make_array
+from dldsim.stability import bottleneck, describe, margins, refined, refinement
 from dldsim.trajectory import Migration, analyse_path, row_crossings
 from dldsim.units import Units
 
@@ -116,6 +117,17 @@ def simulate_run(
     _check_flow(empty_flow, geometry, flow, numerics)
     array = make_array(geometry, flow, numerics)
     scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
+    asked = margins(scene)
+    factor = refinement(asked, numerics)
+    if factor > 1:
+        numerics = refined(numerics, factor)
+        if numerics.inertia == "stokes":
+            empty_flow = empty_flow.slower(factor)
+        else:
+            empty_flow = solve_empty_array(geometry, flow, numerics, progress)
+        scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
+        if progress:
+            progress(f"time step shortened by {factor:.3g}: {bottleneck(asked)}")
     units = scene.units
     record = Record(run_id, units, np.array([array.pitch, array.pitch, array.height]) / 2)
     row_steps = array.pitch / numerics.velocity_lu
@@ -177,7 +189,7 @@ def simulate_run(
         "mode": migration.mode,
         "migration_angle_deg": migration.migration_angle_deg,
         "first_period_angle_deg": migration.first_period_angle_deg,
-        "sigma_num_deg": migration.sigma_num_deg,
+        "sigma_orbit_deg": migration.sigma_orbit_deg,
         "bump_angle_deg": math.degrees(math.atan(geometry.row_shift_fraction)),
         "rows_completed": path.rows,
         "orbit_rows": migration.orbit_rows,
@@ -199,6 +211,7 @@ def simulate_run(
                 "velocity_blend": scene.blend,
                 "release_axis": cell.axis,
                 "release_gap_fraction": cell.release_gap_fraction,
+                **describe(asked, factor),
                 "start_up_s": round(loop - start, 3),
             }
         ),
@@ -207,8 +220,7 @@ def simulate_run(
 
 
 REMEDY = (
-    "usual cures: finer numerics.spacing_um, lower numerics.velocity_lu, "
-    "or numerics.kernel_points 4"
+    "usual cures: finer numerics.spacing_um, lower numerics.velocity_lu, or numerics.kernel 4-point"
 )
 
 
@@ -239,9 +251,7 @@ def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> d
     }
 
 
-def _check_flow(
-    empty_flow: EmptyFlow, geometry: Geometry, flow: Flow, numerics: Numerics
-) -> None:
+def _check_flow(empty_flow: EmptyFlow, geometry: Geometry, flow: Flow, numerics: Numerics) -> None:
     """Refuse an empty flow that was solved for anything else than this run's array and drive."""
     wanted = {
         **geometry.model_dump(), **flow.model_dump(), **numerics.model_dump(exclude=CELL_NUMERICS)

@@ -18,6 +18,7 @@ import pandas as pd
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.errors import DldsimError
 from dldsim.tables import atomic_path
+from dldsim.trajectory import mode_of
 
 if TYPE_CHECKING:
     from xgboost import Booster
@@ -36,6 +37,10 @@ KIND = "dldsim surrogate of the migration angle"
 SURROGATE = "XGBoost"
 BASELINE = "critical diameter rule"
 FOLDS, REPEATS = 5, 2
+NEGLIGIBLE = 1e-10
+"""A term of less variance in standardised inputs is constant but for rounding."""
+CURVE_REPEATS, CURVE_SIZES, CURVE_HELD_OUT = 10, 7, 0.2
+CURVE_MODELS = (SURROGATE, "polynomial ridge", BASELINE)
 DOMAIN_TOLERANCE = 0.02
 """How far outside the training geometries still counts as inside, in units of their range."""
 
@@ -113,7 +118,7 @@ def make_regressors(seed: int) -> dict[str, Any]:
     """The six regressors of the source paper with modest fixed settings, and the baseline."""
     from sklearn.compose import TransformedTargetRegressor
     from sklearn.ensemble import ExtraTreesRegressor, RandomForestRegressor
-    from sklearn.feature_selection import SelectFromModel
+    from sklearn.feature_selection import SelectFromModel, VarianceThreshold
     from sklearn.linear_model import ElasticNet, LinearRegression, RidgeCV
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import PolynomialFeatures, StandardScaler
@@ -131,8 +136,8 @@ def make_regressors(seed: int) -> dict[str, Any]:
                                                                  transformer=StandardScaler()),
         "random forest": RandomForestRegressor(100, random_state=seed, n_jobs=1),
         "polynomial ridge": make_pipeline(
-            StandardScaler(), PolynomialFeatures(2, include_bias=False), StandardScaler(),
-            RidgeCV(np.logspace(-3, 3, 13)),
+            StandardScaler(), PolynomialFeatures(2, include_bias=False),
+            VarianceThreshold(NEGLIGIBLE), StandardScaler(), RidgeCV(np.logspace(-3, 3, 13)),
         ),
         "elastic net": make_pipeline(StandardScaler(), ElasticNet(0.01, max_iter=100_000)),
         "linear": make_pipeline(StandardScaler(), LinearRegression()),
@@ -208,6 +213,43 @@ def benchmark(runs: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, pd.DataFrame
     return pd.DataFrame(scores), pd.concat(predictions, ignore_index=True)
 
 
+def learning_curve(runs: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """Error [deg] on unseen arrays against the number of runs learnt from; kind `learning_curve`.
+
+    In each of ten repeats a fifth of the arrays is held out; the others are learnt from in growing,
+    nested numbers from three arrays on. A row also says what its training runs cost to simulate.
+
+    Raises DldsimError as `benchmark` does.
+    """
+    data = _learnable(runs)
+    group = data.groupby(GEOMETRY).ngroup().to_numpy()
+    x, y = features(*(data[name] for name in INPUTS)), data[ANGLE].to_numpy(float)
+    cost = data["wall_time_s"].to_numpy(float) if "wall_time_s" in data else np.full(len(y), np.nan)
+    arrays = group.max() + 1
+    held_out = max(1, min(round(CURVE_HELD_OUT * arrays), arrays - 2))
+    sizes = np.geomspace(min(3, arrays - held_out), arrays - held_out, CURVE_SIZES)
+    rng = np.random.default_rng(seed)
+    rows = []
+    for repeat in range(CURVE_REPEATS):
+        order = rng.permutation(arrays)
+        test = np.isin(group, order[:held_out])
+        for size in np.unique(sizes.round().astype(int)):
+            train = np.isin(group, order[held_out : held_out + size])
+            regressors = make_regressors(seed + repeat)
+            for name in CURVE_MODELS:
+                start = perf_counter()
+                regressors[name].fit(x[train], y[train])
+                fitted = perf_counter() - start
+                error = np.asarray(regressors[name].predict(x[test]), float) - y[test]
+                rows.append({
+                    "model": name, "repeat": repeat, "geometries": int(size),
+                    "runs": int(train.sum()), "n_test": int(test.sum()),
+                    "rmse_deg": np.sqrt(np.mean(error**2)), "mae_deg": np.mean(np.abs(error)),
+                    "fit_time_s": fitted, "simulation_time_s": cost[train].sum(),
+                })
+    return pd.DataFrame(rows)
+
+
 @dataclass
 class Surrogate:
     """The regressor that designs are searched on, with the card that says what it is."""
@@ -229,6 +271,40 @@ class Surrogate:
     def rmse_deg(self) -> float:
         """Root mean squared error [deg] on geometries never seen (cross-validated)."""
         return self.card["scores_by_geometry"]["rmse_deg"]
+
+    def sigma_num_deg(self, angle_deg, periodicity) -> np.ndarray | None:
+        """Numerical uncertainty [deg] of predicted angles; None if that of the runs is not known.
+
+        That of the training runs in the same mode (bump, mixed or zigzag, after the angle), as a
+        share of the bump angle; of a mode without runs, the largest share of any mode.
+        """
+        shares = self.card["numerical_uncertainty"]["share_by_mode"]
+        if not shares:
+            return None
+        angles, rows = np.broadcast_arrays(np.atleast_1d(angle_deg), np.atleast_1d(periodicity))
+        share = [shares.get(mode_of(a, 1 / n), max(shares.values()))
+                 for a, n in zip(angles, rows, strict=True)]
+        return np.array(share) * np.degrees(np.arctan(1 / rows))
+
+    def may_be_inside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um) -> np.ndarray:
+        """False where `distance_outside` surely exceeds DOMAIN_TOLERANCE, (n,); quick.
+
+        By the ranges of the training geometries, and by the plane or line that they may lie in.
+        """
+        known = np.array(self.card["domain"]["geometries"])
+        points = np.column_stack([np.asarray(pillar_radius_um) / cell_radius_um,
+                                  np.asarray(gap_um) / cell_radius_um, periodicity])
+        span = np.ptp(known, axis=0)
+        span[span < 1e-9 * np.abs(known).max(axis=0)] = 1e-6
+        off = (points - known.mean(axis=0)) / span
+        spread = (known - known.mean(axis=0)) / span
+        _, sizes, axes = np.linalg.svd(spread, full_matrices=True)
+        flat = axes[np.append(sizes, np.zeros(3 - len(sizes))) < 1e-9]
+        reach = (DOMAIN_TOLERANCE + 1e-9) * np.abs(flat).sum(axis=1)
+        return (
+            (off >= spread.min(axis=0) - DOMAIN_TOLERANCE - 1e-9)
+            & (off <= spread.max(axis=0) + DOMAIN_TOLERANCE + 1e-9)
+        ).all(axis=1) & (np.abs(off @ flat.T) <= reach).all(axis=1)  # fmt: skip
 
     def distance_outside(self, pillar_radius_um: float, gap_um: float, periodicity: int,
                          cell_radius_um: float) -> float:
@@ -299,6 +375,7 @@ def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
         },
         "scores_by_geometry": scores[SURROGATE],
         "baseline_by_geometry": {"model": BASELINE} | scores[BASELINE],
+        "numerical_uncertainty": _numerical_uncertainty(data),
         "domain": {
             "ranges": {name: [float(c.min()), float(c.max())]
                        for name, c in zip(FEATURES, x.T, strict=True)},
@@ -308,6 +385,19 @@ def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
                      "xgboost": xgboost.__version__, "numpy": np.__version__},
     }
     return Surrogate(_serial(booster), card)
+
+
+def _numerical_uncertainty(data: pd.DataFrame) -> dict[str, Any]:
+    """Root mean square of σ_num / bump angle of the runs learnt from, by mode after their angle."""
+    if "sigma_num_deg" not in data or data["sigma_num_deg"].isna().all():
+        bases = data["sigma_num_basis"].unique().tolist() if "sigma_num_basis" in data else []
+        return {"share_by_mode": {}, "runs": 0, "basis": bases}
+    known = data[data["sigma_num_deg"].notna()]
+    mode = [mode_of(a, 1 / n) for a, n in zip(known[ANGLE], known["periodicity"], strict=True)]
+    square = (known["sigma_num_deg"] / np.degrees(np.arctan(1 / known["periodicity"]))) ** 2
+    shares = np.sqrt(square.groupby(np.array(mode)).mean())
+    return {"share_by_mode": shares.to_dict(), "runs": len(known),
+            "basis": sorted(known["sigma_num_basis"].str.partition(":")[0].unique())}
 
 
 def _serial(booster: "Booster") -> "Booster":

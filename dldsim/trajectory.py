@@ -86,7 +86,7 @@ class Migration:
     mode: str
     migration_angle_deg: float | None
     first_period_angle_deg: float | None
-    sigma_num_deg: float | None
+    sigma_orbit_deg: float | None
     orbit_rows: int
     lateral_steps: np.ndarray
 
@@ -97,7 +97,7 @@ def analyse_path(
     """Migration of a cell from its lateral positions at the row crossings (rows + 1,).
 
     Status "converged" (repeats every row), "periodic" (every p rows) or "period_limit" (does not
-    repeat; the angle is that of the second half, at least N_p rows). ``sigma_num_deg`` covers only
+    repeat; the angle is that of the second half, at least N_p rows). ``sigma_orbit_deg`` covers only
     how well the motion repeats: the drift on an orbit, else the change against the rows before.
     """
     rows = len(lateral) - 1

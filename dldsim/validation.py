@@ -1,8 +1,8 @@
 """Validation cases: what the simulator computes beside what others have published or computed.
 
 A case is a function that yields :class:`Comparison` objects; the modules that hold them,
-``validation_fluid`` and ``validation_membrane``, are imported when a case runs, so that rule files
-and commands can list the cases without numba.
+``validation_fluid``, ``validation_membrane`` and ``validation_cell``, are imported when a case
+runs, so that rule files and commands can list the cases without numba.
 """
 
 import difflib
@@ -107,6 +107,10 @@ CASES = {
     "erythrocyte-stretching": Case(
         "Red cell in optical tweezers", "membrane", "validation_membrane.erythrocyte_stretching",
         "Mills et al. 2004, Mech. Chem. Biosyst. 1:169; Suresh et al. 2005, Acta Biomater. 1:15",
+    ),
+    "capsule-in-shear": Case(
+        "Capsule in simple shear", "cell", "validation_cell.capsule_in_shear",
+        "boundary integral",
     ),
 }  # fmt: skip
 

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from dldsim.coupling import KERNELS, LINEAR, ROMA, TRAPEZOID
 from dldsim.lattice import VELOCITIES, WEIGHTS
 
 
@@ -79,32 +80,35 @@ def stream(f, column, nz, walls, row_shift, link_fraction=None):
     return out
 
 
-def kernel(r, points):
-    """One-dimensional kernel: linear; Roma, Peskin & Berger (1999); Peskin (2002)."""
+def kernel(r, kind):
+    """One-dimensional kernel: see dldsim.coupling.kernel_weights."""
     r = abs(r)
-    if r >= points / 2:
-        return 0.0
-    if points == 2:
-        return 1 - r
-    if points == 3:
+    if kind == LINEAR:
+        return max(1 - r, 0)
+    if kind == TRAPEZOID:
+        return (kernel(r - 0.5, LINEAR) + kernel(r + 0.5, LINEAR)) / 2
+    if kind == ROMA:
         if r <= 0.5:
             return (1 + np.sqrt(1 - 3 * r**2)) / 3
-        return (5 - 3 * r - np.sqrt(1 - 3 * (1 - r) ** 2)) / 6
+        return (5 - 3 * r - np.sqrt(1 - 3 * (1 - r) ** 2)) / 6 if r < 1.5 else 0
     if r <= 1:
         return (3 - 2 * r + np.sqrt(1 + 4 * r - 4 * r**2)) / 8
-    return (5 - 2 * r - np.sqrt(-7 + 12 * r - 4 * r**2)) / 8
+    return (5 - 2 * r - np.sqrt(-7 + 12 * r - 4 * r**2)) / 8 if r < 2 else 0
 
 
-def interpolate(field, position, points, column, walls, row_shift):
-    """Value at ``position`` (3,) of a field (..., columns, nz) that is zero in solids."""
+def interpolate(field, position, name, column, walls, row_shift):
+    """Vector at ``position`` (3,) of a field (3, columns, nz) that is zero in solids."""
+    own_kind, across = KERNELS[name]
     nz = field.shape[-1]
     base = np.floor(position).astype(int)
     total = np.zeros(field.shape[:-2])
     for offset in itertools.product(range(-3, 4), repeat=3):
         node = base + offset
-        weight = np.prod([kernel(p - n - 0.5, points) for p, n in zip(position, node, strict=True)])
         own = column[wrap(node[0], node[1], *column.shape, row_shift)]
         z = node[2] if walls else node[2] % nz
         if own >= 0 and 0 <= z < nz:
-            total += weight * field[..., own, z]
+            for d in range(3):
+                kinds = [own_kind if axis == d else across for axis in range(3)]
+                weights = map(kernel, position - node - 0.5, kinds)
+                total[d] += np.prod(list(weights)) * field[d, own, z]
     return total

@@ -1,82 +1,340 @@
-"""The study of error against run time: which runs it makes and what it says of them."""
+"""The study of error against run time, and the model of σ_num: runs, errors, fit, limits."""
 
+import json
+import math
+
+import numpy as np
+import pandas as pd
 import pytest
+from scipy.stats import norm
 
-from dldsim.accuracy import (
-    DEFAULT,
-    Variant,
-    parse_variant,
-    settings_for,
-    spread_deg,
-    table,
-    variant_id,
-    variants,
-)
+from dldsim import PHYSICS_VERSION, accuracy, accuracy_figures, figures
+from dldsim.accuracy import DEFAULT, LONG, REFERENCE, SETTING, Variant
 from dldsim.config import Accuracy, read_config
 from dldsim.errors import DldsimError
-from dldsim.tables import COLUMNS
+from dldsim.tables import COLUMNS, write_table
+
+ONE, OTHER, UNSEEN = "r05.0_g20.0_n04_s1", "r07.0_g16.0_n08_s1", "r09.0_g12.0_n08_s5"
+BUMP = math.degrees(math.atan(1 / 4))
+
+
+def study(**changes):
+    return Accuracy(**{
+        "migration_angle": {
+            "cases": {"one": ONE}, "other_starts": [0.4], "long_rows": 60,
+            "knobs": {"spacing_um": [2.0, 1.25, 0.5], "max_rows": [8, 50], "axis": ["z", "y"]},
+            "alternatives": {"cheap": {"spacing_um": 2.0, "velocity_lu": 0.05}},
+            "reference": {"spacing_um": 0.5, "rows": 2},
+        },
+        "deformation_index": {
+            "cases": ["G1"], "knobs": {"spacing_um": [2.0, 1.0], "release_position_um": [3.0, 0.0]},
+            "reference": {"velocity_lu": 0.005, "spacing_um": 0.8},
+        },
+        "model_runs": [ONE, OTHER], "check_runs": [UNSEEN],
+    } | changes)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def config():
-    base = read_config("config.yaml")
-    study = Accuracy(
-        cases={"one": {"geometry": {"pillar_radius_um": 5, "gap_um": 20, "periodicity": 4},
-                       "stiffness_set": "1"}},
-        knobs={"spacing_um": [2.0, base.numerics.spacing_um, 0.5], "axis": ["z", "y"]},
-    )  # fmt: skip
-    return base.model_copy(update={"accuracy": study})
+    return read_config("config.yaml").model_copy(update={"accuracy": study()})
 
 
-def row(angle):
+def zigzag(rows, drop=0.0):
+    """Lateral steps of a zigzag of period four rows, after a transient of ``drop`` in all."""
+    steps = np.tile([5.0, 5.0, 5.0, -15.0], rows // 4 + 1)[:rows]
+    return (steps - drop * np.exp(-np.arange(rows) / 2)).tolist()
+
+
+def row(angle, run=ONE, **changes):
+    """A row of `runs` as far as the study reads it."""
     return {
-        "migration_angle_deg": angle, "bump_angle_deg": 14.0, "mode": "zigzag",
-        "status": "periodic", "sigma_num_deg": 0.0, "wall_time_s": 1.0, "steps": 2, "nodes": 3,
-        "vertices": 4,
-    }  # fmt: skip
+        "run_id": f"{run}--default--0--0", "migration_angle_deg": angle, "bump_angle_deg": BUMP,
+        "mode": "zigzag" if angle is not None else "none",
+        "status": "periodic" if angle is not None else "unstable", "sigma_orbit_deg": 0.1,
+        "wall_time_s": 6.0, "steps": 600, "nodes": 3, "vertices": 4, "spacing_um": 1.25,
+        "rows_completed": 60, "lateral_steps_um": zigzag(60), "pitch_um": 20.0, "periodicity": 4,
+        "pillar_radius_um": 5.0, "gap_um": 20.0, "stiffness_set": "1", "cell_shape": "biconcave",
+        "cell_radius_um": 7.5, "height_um": 20.0, "mean_velocity_mm_s": 0.5,
+    } | changes  # fmt: skip
+
+
+def channel(index):
+    return {"deformation_index": index, "status": "converged", "wall_time_s": 2.0, "steps": 10}
+
+
+# -------------------------------------------------------------------------------- which runs
 
 
 def test_identifiers_are_their_own_inverse(config):
-    for variant in variants(config):
-        assert parse_variant(variant_id(variant)) == variant
+    for variant in accuracy.variants(config):
+        assert accuracy.parse_variant(accuracy.variant_id(variant)) == variant
 
 
-def test_the_default_runs_once(config):
-    assert variants(config) == [
-        Variant("one", DEFAULT, 0), Variant("one", "spacing_um", 0),
-        Variant("one", "spacing_um", 2), Variant("one", "axis", 0),
-    ]  # fmt: skip
+def test_each_run_once_from_each_start(config):
+    runs = accuracy.variants(config)
+    assert len(set(runs)) == len(runs)
+    points = [(v.knob, v.rank) for v in runs if v.run == ONE and v.start == 1]
+    assert points == [(DEFAULT, 0), ("spacing_um", 0), ("spacing_um", 2), (LONG, 0), ("axis", 0),
+                      (SETTING, 0), (REFERENCE, 0)]  # fmt: skip
+    once = [Variant(OTHER, DEFAULT), Variant(OTHER, REFERENCE)]
+    assert [v for v in runs if v.run == OTHER] == once
+    assert {v.start for v in runs if v.run == "G1"} == {0}
 
 
-def test_a_variant_changes_one_setting(config):
-    default = settings_for(Variant("one", DEFAULT, 0), config)
-    fine = settings_for(Variant("one", "spacing_um", 2), config)
-    assert fine["numerics"] == default["numerics"] | {"spacing_um": 0.5}
-    assert {k: v for k, v in fine.items() if k != "numerics"} == {
-        k: v for k, v in default.items() if k != "numerics"
-    }
-    assert settings_for(Variant("one", "axis", 0), config)["cell"]["axis"] == "z"
+def test_a_variant_changes_what_it_names(config):
+    def of(*variant):
+        return accuracy.settings_for(Variant(*variant), config)
+
+    default = of(ONE, DEFAULT)
+    assert of(ONE, "spacing_um", 2)["numerics"] == default["numerics"] | {"spacing_um": 0.5}
+    assert of(ONE, "axis", 0)["cell"]["axis"] == "z"
+    assert of(ONE, DEFAULT, 0, 1)["cell"]["release_gap_fraction"] == 0.4
+    assert of(ONE, LONG)["run_control"]["max_rows"] == 60
+    whole = of(ONE, REFERENCE)["numerics"]
+    assert (whole["spacing_um"], whole["rows"]) == (0.5, 2)
+    channel = of("G1", "release_position_um", 0)
+    assert channel["release_position_um"] == 3.0
+    fine = of("G1", REFERENCE)
+    assert fine["constriction"]["spacing_um"] == 0.8 and fine["numerics"]["velocity_lu"] == 0.005
+    assert fine["numerics"]["spacing_um"] == default["numerics"]["spacing_um"]
 
 
-def test_errors_are_against_the_finest_value(config):
-    angles = {("default", 0): 1.0, ("spacing_um", 0): 3.0, ("spacing_um", 2): 0.5, ("axis", 0): 1.2}
-    rows = table([(Variant("one", *k), row(v)) for k, v in angles.items()], config)
-    assert all(set(r) == {c.name for c in COLUMNS["accuracy"]} for r in rows)
-    errors = {(r["knob"], r["rank"]): r["error_deg"] for r in rows}
-    assert errors == pytest.approx(
-        {("spacing_um", 0): 2.5, ("spacing_um", 1): 0.5, ("spacing_um", 2): 0.0,
-         ("axis", 0): 0.2, ("axis", 1): 0.0}
-    )  # fmt: skip
-    assert spread_deg(rows, "one") == pytest.approx(((2**2 + 0.5**2 + 0.2**2) / 3) ** 0.5)
+@pytest.mark.parametrize(
+    ("part", "knobs", "word"),
+    [("migration_angle", {"colour": [1, 2]}, "colour"),
+     ("migration_angle", {"release_gap_fraction": [0.4, 0.5]}, "other_starts"),
+     ("deformation_index", {"rows": [1, 2], "gap_um": [1, 2]}, "gap_um")],
+)
+def test_an_impossible_knob_is_named(config, part, knobs, word):
+    changed = study(**{part: {"knobs": knobs}, "model_runs": [], "check_runs": []})
+    with pytest.raises(DldsimError, match=word):
+        accuracy.variants(config.model_copy(update={"accuracy": changed}))
 
 
-def test_a_run_without_angle_has_no_error(config):
-    angles = {("default", 0): 1.0, ("spacing_um", 0): None, ("spacing_um", 2): 0.5, ("axis", 0): 1}
-    rows = table([(Variant("one", *k), row(v)) for k, v in angles.items()], config)
-    assert [r["error_deg"] for r in rows if r["knob"] == "spacing_um"] == [None, 0.5, 0.0]
+def test_a_run_cannot_check_itself():
+    with pytest.raises(ValueError, match="check_runs"):
+        study(check_runs=[ONE])
 
 
-def test_an_unknown_setting_is_named(config):
-    study = config.accuracy.model_copy(update={"knobs": {"colour": [1, 2]}})
-    with pytest.raises(DldsimError, match="colour"):
-        variants(config.model_copy(update={"accuracy": study}))
+# ---------------------------------------------------------------------------------- replaying
+
+
+def test_a_replay_is_the_run_that_would_have_been():
+    """Against the run's own rule of stopping: first orbit after N_p rows, or the last row."""
+    long = row(0.0, lateral_steps_um=zigzag(60, drop=3.0))
+    strict, loose = (accuracy.replay(long, tolerance, 60) for tolerance in (0.001, 0.3))
+    assert {strict["status"], loose["status"]} <= {"converged", "periodic"}
+    assert loose["rows_completed"] < strict["rows_completed"] < 60
+    assert loose["sigma_orbit_deg"] > strict["sigma_orbit_deg"]
+    assert strict["wall_time_s"] == pytest.approx(6.0 * strict["rows_completed"] / 60)
+    cut = accuracy.replay(long, 1e-9, 10)
+    assert (cut["rows_completed"], cut["status"]) == (10, "period_limit")
+    total = sum(long["lateral_steps_um"][5:10])
+    assert cut["migration_angle_deg"] == pytest.approx(math.degrees(math.atan(total / (5 * 20.0))))
+
+
+def test_a_broken_run_is_not_replayed():
+    assert accuracy.replay(row(None), 0.03, 20)["status"] == "unstable"
+
+
+# ------------------------------------------------------------------------------------- errors
+
+
+@pytest.fixture(scope="module")
+def runs(config):
+    """Angles of the two starts by point, and indices."""
+    angles = {
+        (DEFAULT, 0): (1.0, 1.2), ("spacing_um", 0): (3.0, 3.0), ("spacing_um", 2): (0.5, 0.5),
+        (LONG, 0): (0.0, 0.0), ("axis", 0): (1.1, None), (SETTING, 0): (2.0, 2.2),
+        (REFERENCE, 0): (0.2, 0.4),
+    }  # fmt: skip
+    found = {Variant(ONE, *point, start): row(angle)
+             for point, pair in angles.items() for start, angle in enumerate(pair)}
+    found |= {Variant("G1", DEFAULT): channel(0.70), Variant("G1", "spacing_um", 0): channel(0.73),
+              Variant("G1", "release_position_um", 0): channel(0.71),
+              Variant("G1", REFERENCE): channel(0.75)}
+    for run, angle, reference in ((OTHER, 2.0, 1.0), (UNSEEN, 0.3, 0.0)):
+        found |= {Variant(run, DEFAULT): row(angle, run), Variant(run, REFERENCE): row(reference)}
+    return found
+
+
+@pytest.fixture(scope="module")
+def points(config, runs):
+    return accuracy.table(runs.items(), config)
+
+
+def at(points, knob, rank):
+    return next(p for p in points if (p["knob"], p["rank"]) == (knob, rank))
+
+
+def test_errors_are_of_the_mean_over_the_starts(points):
+    angle = [p for p in points if p["quantity"] == "migration_angle"]
+    coarse, default, fine = (at(angle, "spacing_um", rank) for rank in range(3))
+    assert [p["error"] for p in (coarse, default, fine)] == pytest.approx([2.5, 0.6, 0.0])
+    assert default["error_share"] == pytest.approx(0.6 / BUMP)
+    assert default["error_to_reference"] == pytest.approx(1.1 - 0.3)
+    assert default["is_default"] and fine["is_reference"] and not default["is_reference"]
+    assert at(angle, "cheap", 1)["error"] == pytest.approx(2.1 - 0.3)
+    assert at(angle, "axis", 0)["value"] is None  # one start gave no angle
+    index = [p for p in points if p["quantity"] == "deformation_index"]
+    assert at(index, "spacing_um", 0)["error_to_reference_share"] == pytest.approx(0.02 / 0.75)
+    assert at(index, "spacing_um", 0)["noise"] is None
+
+
+def test_noise_is_that_of_a_difference_of_means(points, runs):
+    """Pooled variance s² between starts; a mean of two has s²/2, a difference of two means s²."""
+    angle = [p for p in points if p["quantity"] == "migration_angle" and len(p["values"]) == 2]
+    pooled = np.mean([np.var(p["values"], ddof=1) for p in angle])
+    assert angle[0]["noise"] == pytest.approx(math.sqrt(2 * pooled / 2))
+
+
+def test_rows_are_those_of_the_tables(points, config, runs, tmp_path):
+    assert all(set(p) == {c.name for c in COLUMNS["accuracy"]} for p in points)
+    write_table("accuracy", points, tmp_path / "a.parquet", {})
+    _, model, checked = accuracy.study(
+        {k: v | {"numerics": json.dumps(config.numerics.model_dump())} for k, v in runs.items()
+         }.items(), config)
+    write_table("sigma_num", accuracy.class_rows(model), tmp_path / "b.parquet", {})
+    write_table("sigma_num_runs", checked, tmp_path / "c.parquet", {})
+    assert [r["role"] for r in checked] == ["model", "model", "check"]
+    assert model["check"] == {"runs": 1, "within_1_sigma": 1, "within_2_sigma": 1}
+    json.dumps(model, allow_nan=False)
+
+
+# ---------------------------------------------------------------------------------- σ_num
+
+
+def test_confidence_factor_is_students():
+    """Textbook: t at 84.13 % is 1.84 for one degree of freedom, and goes to one."""
+    assert accuracy.confidence_factor(1) == pytest.approx(1.837, abs=2e-3)
+    assert accuracy.confidence_factor(4) == pytest.approx(1.142, abs=2e-3)
+    assert accuracy.confidence_factor(10**6) == pytest.approx(1, abs=1e-4)
+
+
+def with_numerics(made, config):
+    return made | {"numerics": json.dumps(config.numerics.model_dump(mode="json"))}
+
+
+@pytest.fixture(scope="module")
+def model(config):
+    unsettled = row(2.0, status="period_limit")
+    pairs = [(row(1.0), row(0.7)), (row(0.2), row(0.6)), (unsettled, row(0.0)),
+             (row(None), row(0.0))]
+    return accuracy.fit_model(pairs, config)
+
+
+def test_coefficients_by_hand(model):
+    zigzag = model["classes"]["zigzag"]
+    rms = math.sqrt((0.3**2 + 0.4**2) / 2) / BUMP
+    assert zigzag["runs"] == 2 and zigzag["rms_share"] == pytest.approx(rms)
+    assert zigzag["share"] == pytest.approx(rms * accuracy.confidence_factor(2))
+    assert model["classes"]["unsettled"]["rms_share"] == pytest.approx(2 / BUMP)
+    assert set(model["classes"]) == {"zigzag", "unsettled"}
+
+
+def test_uncertainty_adds_orbit_and_class(model, config):
+    control = config.run_control.model_dump()
+    sigma, basis = accuracy.numerical_uncertainty(with_numerics(row(1.0), config), control, model)
+    assert sigma == pytest.approx(math.hypot(0.1, model["classes"]["zigzag"]["share"] * BUMP))
+    assert basis.startswith("modelled: zigzag, 2")
+    other = with_numerics(row(1.0, periodicity=8, mean_velocity_mm_s=1.0), config)
+    sigma, basis = accuracy.numerical_uncertainty(other, control, model)
+    assert sigma and basis.startswith("extrapolated")
+    assert "periodicity" in basis and "mean_velocity_mm_s" in basis
+
+
+@pytest.mark.parametrize(
+    ("changes", "control", "spoil", "words"),
+    [
+        ({}, {}, lambda m: None, "no accuracy study"),
+        ({}, {}, lambda m: m | {"physics_version": PHYSICS_VERSION + 1}, "physics version"),
+        ({"numerics": {"spacing_um": 2.5}}, {}, lambda m: m, "spacing_um = 2.5"),
+        ({}, {"max_rows": 7}, lambda m: m, "max_rows = 7"),
+        ({"mode": "bump"}, {}, lambda m: m, "no run of the study is bump"),
+        ({"sigma_orbit_deg": None}, {}, lambda m: m, "too few rows"),
+        ({"status": "stuck", "mode": "none", "migration_angle_deg": None}, {}, lambda m: m,
+         "no angle"),
+    ],
+)
+def test_what_was_not_studied_has_no_uncertainty(model, config, changes, control, spoil, words):
+    made = with_numerics(row(1.0), config) | changes
+    if "numerics" in changes:
+        made["numerics"] = json.dumps(config.numerics.model_dump() | changes["numerics"])
+    sigma, basis = accuracy.numerical_uncertainty(
+        made, config.run_control.model_dump() | control, spoil(model)
+    )
+    assert sigma is None and words in basis
+
+
+def test_model_of_normal_errors_covers_as_it_says(config):
+    """Errors of 3 % of the bump angle: a σ_num from six runs covers about 68 % of new ones."""
+    rng = np.random.default_rng(3)
+    control, covered = config.run_control.model_dump(), []
+    for _ in range(300):
+        pairs = [(row(e, sigma_orbit_deg=0.0), row(0.0)) for e in rng.normal(0, 0.03 * BUMP, 6)]
+        fitted = accuracy.fit_model(pairs, config)
+        made = with_numerics(row(0.0, sigma_orbit_deg=0.0), config)
+        sigma, _ = accuracy.numerical_uncertainty(made, control, fitted)
+        covered.append(2 * norm.cdf(sigma / (0.03 * BUMP)) - 1)
+    assert np.mean(covered) == pytest.approx(0.683, abs=0.03)
+
+
+def test_runs_get_their_uncertainty(model, config):
+    table = pd.DataFrame([with_numerics(row(1.0), config), with_numerics(row(None), config)])
+    joined = accuracy.with_uncertainty(table, config.run_control.model_dump(), model)
+    assert joined["sigma_num_deg"].notna().tolist() == [True, False]
+    assert joined["sigma_num_basis"].str.partition(":")[0].tolist() == ["modelled", "no angle"]
+
+
+def test_model_file_is_checked(tmp_path):
+    path = tmp_path / "sigma_num.json"
+    assert accuracy.read_model(path) is None
+    for content in ("{", "[]", '{"kind": "other"}'):
+        path.write_text(content)
+        with pytest.raises(DldsimError, match=r"sigma_num\.json"):
+            accuracy.read_model(path)
+
+
+def test_installed_model_reads_as_one():
+    """Whatever study is installed, or none."""
+    model = accuracy.read_model()
+    assert model is None or set(model["classes"]) <= set(accuracy.CLASSES)
+
+
+# -------------------------------------------------------------------------------- figures
+
+
+def test_front_holds_what_nothing_beats():
+    def point(knob, error, time, kind="setting", default=False, case="a"):
+        return {"quantity": "migration_angle", "kind": kind, "case": case, "knob": knob, "rank": 0,
+                "setting": "{}", "is_default": default, "error_to_reference_share": error,
+                "noise_share": 0.01, "wall_time_s": time, "rows": None, "settled": True}
+
+    rows = [point("default", 0.04, 2, default=True), point("cheap", 0.05, 1),
+            point("worse", 0.06, 4), point("careful", 0.01, 8), point("broken", None, 1)]
+    twice = [*rows, *({**r, "case": "b", "wall_time_s": 3 * r["wall_time_s"]} for r in rows)]
+    table = accuracy_figures.overall(pd.DataFrame(twice), "migration_angle").set_index("knob")
+    assert table["front"].to_dict() == {
+        "cheap": True, "default": True, "worse": False, "careful": True}
+    assert table["cost"].to_dict() == pytest.approx(
+        {"cheap": 0.5, "default": 1, "worse": 2, "careful": 4})
+    slow = [rows[0] | {"rows": 20.0}, rows[1] | {"rows": 40.0}, rows[3] | {"rows": 20.0}]
+    per_row = accuracy_figures.overall(pd.DataFrame(slow), "migration_angle").set_index("knob")
+    assert per_row["cost"]["cheap"] == pytest.approx(0.25)
+    knobs = pd.DataFrame([*rows, point("rows", 0.02, 8, "knob")])
+    gain = accuracy_figures.gains(knobs, "migration_angle").iloc[0]
+    assert gain["error_change"] == pytest.approx(-0.02) and gain["cost"] == pytest.approx(4)
+    assert gain["per_doubling"] == pytest.approx(-0.01)
+
+
+def test_every_figure_draws(points, config, runs):
+    table = pd.DataFrame(points)
+    made = {k: v | {"numerics": json.dumps(config.numerics.model_dump())} for k, v in runs.items()}
+    checked = pd.DataFrame(accuracy.study(made.items(), config)[2])
+    for figure in (
+        accuracy_figures.draw_knobs(table, "migration_angle"),
+        accuracy_figures.draw_knobs(table, "deformation_index"),
+        accuracy_figures.draw_pareto(table), accuracy_figures.draw_gains(table),
+        accuracy_figures.draw_sigma(checked),
+    ):
+        assert figures.render(figure, "svg").startswith(b"<?xml")

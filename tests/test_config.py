@@ -84,8 +84,8 @@ def test_order_of_precedence():
 
 
 def test_command_line_numbers_come_as_text():
-    config = resolve(RAW, {"numerics": {"kernel_points": "4"}, "sweep": {"stiffness_sets": ["1"]}})
-    assert config.numerics.kernel_points == 4
+    config = resolve(RAW, {"numerics": {"kernel": "4-point"}, "sweep": {"stiffness_sets": ["1"]}})
+    assert config.numerics.kernel == "4-point"
     assert config.sweep.stiffness_sets == ["1"]
 
 

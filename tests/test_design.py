@@ -8,7 +8,7 @@ from test_surrogate import make_runs
 
 from dldsim import surrogate
 from dldsim.config import DesignRequest
-from dldsim.design import search, squeezed_width_um, violations
+from dldsim.design import regret, search, squeezed_width_um, violations
 from dldsim.errors import DldsimError
 
 
@@ -17,14 +17,20 @@ class Known:
 
     deformation_index_range = (0.3, 0.9)
 
-    def __init__(self, angle, rmse=0.1, outside=lambda r, g, n: 0.0):
-        self.angle, self.rmse_deg, self.outside = angle, rmse, outside
+    def __init__(self, angle, rmse=0.1, outside=lambda r, g, n: 0.0, sigma=None):
+        self.angle, self.rmse_deg, self.outside, self.sigma = angle, rmse, outside, sigma
 
     def predict(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
         values = np.broadcast_arrays(
             *(np.atleast_1d(np.asarray(v, float)) for v in (
                 pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)))
         return np.asarray(self.angle(*values), float)
+
+    def sigma_num_deg(self, angle_deg, periodicity):
+        return None if self.sigma is None else np.full(len(periodicity), self.sigma)
+
+    def may_be_inside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um):
+        return np.full(len(gap_um), True)
 
     def distance_outside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um):
         return self.outside(pillar_radius_um, gap_um, periodicity)
@@ -171,3 +177,49 @@ def test_real_surrogate_separates_soft_from_stiff():
                trials=40, pillar_radius_um=(2.5, 5), gap_um=(7, 11))
     assert search(fitted, half, 1.0, seed=1)[0].iloc[0]["separation_deg"] == pytest.approx(
         row["separation_deg"], rel=0.05)
+
+
+def test_designs_closer_than_their_uncertainty_share_a_rank():
+    """σ_num of an angle 0.2°: of a separation 0.2 √2, of a difference of separations 0.4°."""
+    plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g), sigma=0.2)
+    designs, _ = search(plane, ask(candidates=8, tolerance_um=0.1), 2.0, seed=1)
+    rows = designs.to_dict("records")
+    assert designs["sigma_num_deg"].to_numpy() == pytest.approx(0.2 * 2**0.5)
+    assert designs["uncertainty_deg"].to_numpy() == pytest.approx((2 * 0.1**2 + 0.08) ** 0.5)
+    leader = rows[0]
+    for place, row in enumerate(rows):
+        if leader["separation_deg"] - row["separation_deg"] >= 0.4:
+            leader = row
+            assert row["rank"] == place + 1
+        assert row["rank"] == leader["rank"]
+    shared = designs[designs["rank"].duplicated(keep=False)]
+    assert 1 < len(set(designs["rank"])) < len(designs)
+    assert shared["verdict"].str.contains("not ranked against each other").all()
+
+
+def test_unstudied_uncertainty_is_said_and_ranks_as_before():
+    designs, _ = search(Known(hill), ask(), 2.0, seed=3)
+    assert designs["sigma_num_deg"].isna().all()
+    assert designs["verdict"].str.contains("numerical uncertainty not studied").all()
+    assert designs["rank"].is_unique
+
+
+def test_regret_of_a_known_hill():
+    """Never negative, falls with the evaluations, and the finest grid finds the summit."""
+    table = regret(Known(hill), ask(trials=40), 2.0, seed=1)
+    assert (table["regret_deg"] >= 0).all() and table["regret_deg"].min() == 0
+    for _, part in table[table["method"] != "grid"].groupby(["method", "repeat"]):
+        assert part["evaluations"].is_monotonic_increasing
+        assert part["regret_deg"].is_monotonic_decreasing and part["time_s"].is_monotonic_increasing
+    grid = table[table["method"] == "grid"].sort_values("evaluations")
+    assert grid["best_deg"].iloc[-1] == pytest.approx(3.0)  # 0.3 × 10, on the summit
+    assert grid["evaluations"].tolist() == [9 * k**2 for k in (3, 5, 9, 17, 33)]
+    last = table[table["evaluations"] == 40].groupby("method")["regret_deg"].median()
+    assert last["tpe"] < last["random"]
+
+
+def test_regret_counts_only_what_may_be_built_and_is_known():
+    """Beyond a gap of 18 µm nothing is known, and no pillar may exceed the gap less 5 µm."""
+    tempting = Known(lambda r, g, n, d, cell: d * g, outside=lambda r, g, n: max(0.0, g - 18) / 8)
+    table = regret(tempting, ask(trials=20), 5.0, seed=1)
+    assert table["best_deg"].max() <= 0.3 * (18 + 8 * 0.02) + 1e-9

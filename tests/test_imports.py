@@ -11,22 +11,26 @@ FLOORS = [
     {"errors", "_numba"},
     {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "accuracy"},
     {"lattice", "geometry", "membrane", "finite_element", "coupling"},
-    {"flow", "scene", "cellflow"},
+    {"flow", "cellflow"},
+    {"stability"},
     {"simulation", "constriction"},
-    {"shear", "validation", "validation_fluid", "validation_membrane"},
-    {"statistics", "calibration", "surrogate", "design"},
-    {"figures", "report"},
+    {"shear", "validation", "validation_fluid", "validation_membrane",
+     "validation_cell", "vtk"},
+    {"statistics", "calibration", "surrogate", "design", "mask"},
+    {"figures", "validation_figures", "accuracy_figures", "report", "movie"},
+    {"export"},
     {"jobs"},
     {"cli"},
     {"__main__"},
 ]
 """From the ground up; a module imports from its own floor and those below."""
 
-LIGHT = {"errors", "config", "campaign", "reference", "validation", "cli", "__main__"}
+LIGHT = {"errors", "config", "campaign", "accuracy", "reference", "validation", "cli", "__main__"}
 """Read by rule files and at the start of every command: no heavy import at their top."""
 HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
-         "xgboost", "matplotlib"}
-ANALYSIS = {"statistics", "calibration", "surrogate", "design", "figures", "report"}
+         "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}
+ANALYSIS = {"statistics", "calibration", "surrogate", "design", "figures",
+            "validation_figures", "accuracy_figures", "report"}
 """These read tables and never touch a kernel."""
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
 """Only inside the functions that need them."""
@@ -76,7 +80,7 @@ def test_light_modules_start_light(module):
 
 @pytest.mark.parametrize("module", sorted(ANALYSIS & set(MODULES)))
 def test_analysis_does_without_kernels(module):
-    kernels = {m for m in MODULES if "dldsim._numba" in imports(m, top=False)} | FLOORS[4]
+    kernels = {m for m in MODULES if "dldsim._numba" in imports(m, top=False)} | FLOORS[5]
     found = imports(module, top=False)
     assert "numba" not in found
     assert not inside(found) & kernels

@@ -62,7 +62,10 @@ def make_run(radius, gap, periodicity, name, rng, status=None) -> tuple[dict, di
         "stop_reason": NASTY if broken else "the orbit repeats", "mode": mode,
         "migration_angle_deg": None if broken else angles[0],
         "first_period_angle_deg": None if broken else angles[1],
+        "sigma_orbit_deg": None if broken else 0.05,
         "sigma_num_deg": None if broken or status == "period_limit" else 0.1,
+        "sigma_num_basis": "no angle" if broken else "not studied: <few> runs"
+        if status == "period_limit" else "modelled: bump, 4 studied runs",
         "bump_angle_deg": bump_angle, "rows_completed": rows,
         "orbit_rows": {"converged": 1, "periodic": periodicity}.get(status, 0),
         "lateral_steps_um": list(steps), "steps": 1300 * rows, "nodes": 30_000, "vertices": 642,
@@ -195,6 +198,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
          "angle_1_deg": 1.0, "angle_2_deg": 5.0 - 0.8 * i,
          "separation_tolerance_min_deg": 2.5 - 0.7 * i,
          "separation_tolerance_max_deg": 4.4 - 0.8 * i, "uncertainty_deg": 1.7,
+         "sigma_num_deg": 0.3 if i else None,
          "verdict": "resolved" if i < 3 else "not resolved: separation below uncertainty",
          "inside_training_domain": i != 1} for i in range(4)
     ])  # fmt: skip
@@ -221,6 +225,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
         for variant in ("half-way", "interpolated") for parameter in (4.0, 10.0)
         for resolution in (24.0, 48.0)
     ])  # fmt: skip
+    tables |= accuracy_tables()
     for kind, table in tables.items():
         path = folder / report.TABLES[kind][0]
         write_table(kind, table, path, PROVENANCE)
@@ -230,6 +235,53 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
         name = f"{track['run_id'].iloc[0]}.trajectory.parquet"
         write_table("constriction_trajectory", track, folder / "constriction" / name, PROVENANCE)
     return tables
+
+
+def accuracy_tables() -> dict[str, pd.DataFrame]:
+    """Two cases, one knob, two whole settings; a point without a value; every class of σ_num."""
+    blank = dict.fromkeys(c.name for c in COLUMNS["accuracy"])
+    points = []
+    for quantity, case in (("migration_angle", "bump"), ("migration_angle", "edge"),
+                           ("deformation_index", "G1")):
+        for kind, knob, setting, rank, error, time in (
+            ("knob", "spacing_um", "2.0", 0, 0.05, 2), ("knob", "spacing_um", "1.0", 1, 0.0, 9),
+            ("knob", "coupling", '"dissipative"', 0, None, 3), ("setting", "default", "{}", 0, 0.05,
+            2), ("setting", "reference", '{"spacing_um": 0.9}', 1, 0.0, 9),
+        ):  # fmt: skip
+            points.append(blank | {
+                "quantity": quantity, "kind": kind, "case": case, "run": "r", "knob": knob,
+                "setting": setting, "rank": rank, "is_default": error == 0.05,
+                "is_reference": error == 0.0, "values": [] if error is None else [error],
+                "value": error, "error": error, "error_share": error,
+                "error_to_reference": error, "error_to_reference_share": error,
+                "noise": 0.01, "noise_share": 0.01, "bump_angle_deg": 5.0, "mode": "bump",
+                "status": "unstable" if error is None else "periodic/period_limit",
+                "settled": case != "edge" and error is not None, "wall_time_s": time,
+                "rows": 20.0,
+            })  # fmt: skip
+    classes = [{"class": name, "runs": n, "rms_share": n and 0.02 or None,
+                "confidence_factor": n and 1.2 or None, "share": n and 0.024 or None}
+               for name, n in (("bump", 3), ("mixed", 2), ("zigzag", 2), ("unsettled", 0))]
+    runs = [dict.fromkeys(c.name for c in COLUMNS["sigma_num_runs"]) | {
+        "run_id": f"r{i}", "role": role, "class": name, "pillar_radius_um": 5.0, "gap_um": 20.0,
+        "periodicity": 8, "stiffness_set": "1", "mode": name, "status": "periodic",
+        "bump_angle_deg": 7.1, "migration_angle_deg": 1.0, "spacing_um": 1.25,
+        "reference_angle_deg": 1.2, "reference_mode": "bump", "reference_status": "period_limit",
+        "reference_spacing_um": 0.9, "error_deg": -0.2, "sigma_num_deg": 0.15,
+        "error_over_sigma": 4 / 3, "sigma_num_basis": "modelled",
+    } for i, (role, name) in enumerate((("model", "bump"), ("model", "zigzag"), ("check", "mixed")))
+    ]  # fmt: skip
+    curve = [{"model": model, "repeat": k, "geometries": n, "runs": 3 * n, "n_test": 6,
+              "rmse_deg": error * (1 + 1 / n) + 0.01 * k, "mae_deg": 0.1, "fit_time_s": 0.1,
+              "simulation_time_s": 12.0 * n}
+             for model, error in (("XGBoost", 0.4), ("rule", 3.0)) for k in range(3)
+             for n in (3, 6, 9)]
+    regret = [{"request": "soft <from> stiff", "method": method, "repeat": 0, "evaluations": n,
+               "best_deg": 3 - 1 / n, "regret_deg": 1 / n, "time_s": 0.01 * n}
+              for method in ("tpe", "random", "grid") for n in (1, 10, 100)]
+    return {"accuracy": pd.DataFrame(points), "sigma_num": pd.DataFrame(classes),
+            "sigma_num_runs": pd.DataFrame(runs), "learning_curve": pd.DataFrame(curve),
+            "search_regret": pd.DataFrame(regret)}
 
 
 class Page(HTMLParser):
@@ -346,7 +398,7 @@ def test_every_link_leads_somewhere(campaign):
 def test_each_figure_is_saved_as_png_and_svg(campaign):
     _, page = campaign
     names = re.findall(r'<figure id="figure-(\w+)"', page.raw)
-    assert len(names) == len(set(names)) == 21
+    assert len(names) == len(set(names)) == 28
     for name in names:
         assert (page.path.parent / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
         assert b"<svg" in (page.path.parent / "figures" / f"{name}.svg").read_bytes()
@@ -364,7 +416,7 @@ def test_benchmark_table_keeps_the_splits_apart(campaign):
 
 def test_design_table_shows_separation_with_uncertainty(campaign):
     _, page = campaign
-    assert page.row("1")[-4:] == ["4.00 ± 1.70", "2.50 to 4.40", "yes", "resolved"]
+    assert page.row("1")[-5:] == ["4.00 ± 1.70", "–", "2.50 to 4.40", "yes", "resolved"]
 
 
 def test_report_of_broken_runs_alone_says_what_is_missing(tmp_path):

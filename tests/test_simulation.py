@@ -33,10 +33,10 @@ def empty():
     return solve_empty_array(GEOMETRY, FLOW, NUMERICS)
 
 
-def run(empty, control=THREE_ROWS, stiffness=SET_1, **options):
+def run(empty, control=THREE_ROWS, stiffness=SET_1, numerics=NUMERICS, **options):
     """A run of a small cell at the default resolution, tenths of a second."""
     return simulate_run(
-        GEOMETRY, stiffness, CELL, FLOW, NUMERICS, control, run_id="r", stiffness_set="1",
+        GEOMETRY, stiffness, CELL, FLOW, numerics, control, run_id="r", stiffness_set="1",
         empty_flow=empty, **options,
     )  # fmt: skip
 
@@ -204,7 +204,8 @@ def test_a_run_mirrored_in_height_is_the_mirror_image(coupling):
 
 def test_an_absurd_stiffness_is_an_unstable_run(empty, tmp_path):
     stiff = {n: getattr(SET_1, n) * 1e4 for n in ("ks_uN_per_m", "kal_uN_per_m")}
-    result = run(empty, stiffness=SET_1.model_copy(update=stiff))
+    numerics = NUMERICS.model_copy(update={"time_step": "as-given"})
+    result = run(empty, stiffness=SET_1.model_copy(update=stiff), numerics=numerics)
     row = result.row
     assert row["status"] == "unstable"
     assert f"step {row['steps']}" in row["stop_reason"] and "cures" in row["stop_reason"]
@@ -214,6 +215,22 @@ def test_an_absurd_stiffness_is_an_unstable_run(empty, tmp_path):
     blank = {"deformation_index": None, "deformation_index_std": None}
     write_table("runs", [{**row, **blank}], tmp_path / "run.parquet", {})
     write_table("trajectory", result.trajectory, tmp_path / "trajectory.parquet", {})
+
+
+def test_a_stiff_cell_gets_a_shorter_time_step(empty, result):
+    stiff = {n: getattr(SET_1, n) * 100 for n in ("ks_uN_per_m", "kal_uN_per_m", "kb_pN_um")}
+    said = []
+    row = run(empty, stiffness=SET_1.model_copy(update=stiff), progress=said.append,
+              control=RunControl(max_rows=2)).row  # fmt: skip
+    record = json.loads(row["numerics"])
+    assert row["status"] == "period_limit" and row["rows_completed"] == 2
+    assert record["time_step_refinement"] == record["margin_elastic"] > 2
+    assert record["velocity_lu"] == pytest.approx(
+        NUMERICS.velocity_lu / record["margin_elastic"], rel=1e-3
+    )
+    assert row["time_step_us"] < result.row["time_step_us"]
+    assert row["volume_drift_max"] < 0.01 and row["area_drift_max"] < 0.01
+    assert any("too stiff" in sentence for sentence in said)
 
 
 def sample_at(x, step, **values):

@@ -219,3 +219,46 @@ def test_tiny_table_gives_the_same_numbers_in_any_order():
     a, b = (surrogate.benchmark(t, seed=1)[0] for t in (runs, runs.sample(frac=1, random_state=5)))
     pd.testing.assert_frame_equal(a[keys], b[keys])
     assert np.isfinite(a["rmse_deg"]).all()
+
+
+def test_learning_curve_holds_arrays_out_and_learns():
+    curve = surrogate.learning_curve(make_runs(), seed=2)
+    assert set(curve["model"]) == set(surrogate.CURVE_MODELS)
+    assert (curve["runs"] == 3 * curve["geometries"]).all() and (curve["n_test"] == 15).all()
+    assert curve["geometries"].min() == 3 and curve["geometries"].max() == 22
+    boosted = curve[curve["model"] == SURROGATE].groupby("geometries")["rmse_deg"].median()
+    assert boosted[22] < 0.5 * boosted[3]
+    rule = curve[curve["model"] == BASELINE].groupby("repeat")["rmse_deg"].nunique()
+    assert (rule == 1).all()  # the rule learns nothing, and the arrays held out are the same
+    assert np.isfinite(curve["rmse_deg"]).all() and curve["rmse_deg"].max() < 100
+    again = surrogate.learning_curve(make_runs().assign(wall_time_s=2.0), seed=2)
+    assert np.array_equal(curve["rmse_deg"], again["rmse_deg"])
+    assert np.allclose(again["simulation_time_s"], 2.0 * again["runs"])
+
+
+def test_numerical_uncertainty_of_predictions_is_that_of_the_runs():
+    """By mode after the angle; a mode without runs gets the largest share."""
+    runs = make_runs()
+    bump = np.degrees(np.arctan(1 / runs["periodicity"]))
+    share = runs["migration_angle_deg"] / bump
+    sigma = np.where(share >= 0.9, 0.01 * bump, np.where(share <= 0.1, 0.05 * bump, np.nan))
+    made = surrogate.fit(runs.assign(sigma_num_deg=sigma, sigma_num_basis="modelled: x"), seed=1)
+    angle = np.degrees(np.arctan(1 / 4))
+    found = made.sigma_num_deg([0.0, 0.5 * angle, angle], [4, 4, 4])
+    assert found == pytest.approx([0.05 * angle, 0.05 * angle, 0.01 * angle])
+    assert made.card["numerical_uncertainty"]["basis"] == ["modelled"]
+    assert surrogate.fit(runs, seed=1).sigma_num_deg([0.0], [4]) is None
+
+
+def test_quick_look_at_the_domain_never_refuses_what_is_inside(fitted):
+    """Against the exact distance, for a box and for the plane gap = radius + 10 µm."""
+    rng = np.random.default_rng(5)
+    r, g, n = rng.uniform(4, 12, 60), rng.uniform(13, 23, 60), rng.integers(4, 13, 60)
+    plane = make_runs(gaps=(15.0, 17.5, 20.0))
+    plane = plane[plane["gap_um"] == plane["pillar_radius_um"] + 10]
+    for model in (fitted, surrogate.fit(plane, seed=1)):
+        g = np.where(np.arange(60) % 2, g, r + 10)
+        may = model.may_be_inside(r, g, n, 7.5)
+        inside = [model.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
+                  for p in zip(r, g, n, strict=True)]
+        assert not (np.array(inside) & ~may).any() and 0 < may.sum() < 60

@@ -76,7 +76,7 @@ def test_bump_after_a_transient():
     assert result.migration_angle_deg == pytest.approx(math.degrees(math.atan(1 / N)), rel=1e-3)
     short = math.degrees(math.atan((1 - 0.6 * (2 - 0.5**9) / N) / N))
     assert result.first_period_angle_deg == pytest.approx(short)
-    assert result.sigma_num_deg < 0.01
+    assert result.sigma_orbit_deg < 0.01
     assert result.lateral_steps[0] == pytest.approx(0.4 * SHIFT)
 
 
@@ -102,7 +102,7 @@ def test_orbits(steps, rows, angle, mode):
     assert result.status == ("converged" if rows == 1 else "periodic")
     assert (result.orbit_rows, result.mode) == (rows, mode)
     assert result.migration_angle_deg == pytest.approx(math.degrees(math.atan(angle)), abs=1e-9)
-    assert result.sigma_num_deg == pytest.approx(0, abs=1e-9)
+    assert result.sigma_orbit_deg == pytest.approx(0, abs=1e-9)
 
 
 def test_an_orbit_is_found_wherever_the_path_stops():
@@ -114,13 +114,13 @@ def test_slow_drift_is_not_an_orbit():
     result = analyse(path_of([1 - 0.05] * 60))
     assert (result.status, result.orbit_rows) == ("period_limit", 0)
     assert result.migration_angle_deg == pytest.approx(math.degrees(math.atan(0.95 / N)))
-    assert result.sigma_num_deg == pytest.approx(0, abs=1e-9)
+    assert result.sigma_orbit_deg == pytest.approx(0, abs=1e-9)
 
 
 def test_drift_within_the_tolerance_is_the_uncertainty_of_an_orbit():
     result = analyse(path_of([1 - 0.02] * 40))
     assert (result.status, result.orbit_rows) == ("converged", 1)
-    assert result.sigma_num_deg == pytest.approx(math.degrees(math.atan(0.02 / N)))
+    assert result.sigma_orbit_deg == pytest.approx(math.degrees(math.atan(0.02 / N)))
 
 
 def test_coincidences_are_not_orbits():
@@ -158,9 +158,9 @@ def test_an_unsettled_path_keeps_the_angle_of_its_second_half():
     ]
     assert result.status == "period_limit"
     assert result.migration_angle_deg == pytest.approx(angles[0])
-    assert result.sigma_num_deg == pytest.approx(abs(angles[0] - angles[1]))
+    assert result.sigma_orbit_deg == pytest.approx(abs(angles[0] - angles[1]))
     assert result.first_period_angle_deg == pytest.approx(angles[2])
-    assert analyse(path_of(steps[:N])).sigma_num_deg is None  # nothing to compare with
+    assert analyse(path_of(steps[:N])).sigma_orbit_deg is None  # nothing to compare with
 
 
 @pytest.mark.parametrize(

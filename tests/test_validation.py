@@ -14,7 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dldsim import cli, figures, jobs, reference, validation, validation_fluid, validation_membrane
+from dldsim import (
+    cli,
+    jobs,
+    reference,
+    validation,
+    validation_figures,
+    validation_fluid,
+    validation_membrane,
+)
 from dldsim.campaign import closing_sentence, count_crashes
 from dldsim.errors import DldsimError
 from dldsim.tables import COLUMNS, read_rows, read_table, write_csv, write_table
@@ -55,7 +63,7 @@ def references(monkeypatch, tmp_path):
 def test_every_case_has_a_function_that_argues_its_mark(name):
     case = CASES[name]
     assert re.fullmatch(r"[a-z-]+", name)
-    assert case.title and case.source and case.group in ("fluid", "membrane")
+    assert case.title and case.source and case.group in ("fluid", "membrane", "cell")
     module, function = case.function.split(".")
     assert module == f"validation_{case.group}" and function.replace("_", "-") == name
     made = getattr(importlib.import_module(f"dldsim.{module}"), function)
@@ -221,12 +229,12 @@ def test_convergence_pools_the_series_of_a_level(stand_in, tmp_path):
     ), Comparison("k", 9.0, 1.0, resolution=5))  # fmt: skip
     write_table("validation", run_case(name), tmp_path / "table.parquet", ABOUT)
     table = read_table("validation", tmp_path / "table.parquet")
-    pooled = figures.convergence(table)
+    pooled = validation_figures.convergence(table)
     rms = np.sqrt(12.5)
     assert pooled["level"].tolist() == [0, 1]
     assert pooled["resolution"].tolist() == [13.5, 23.5]
     assert pooled["error"].tolist() == pytest.approx([rms / 100, rms / 400])
-    [order] = figures.observed_orders(table)["order"]
+    [order] = validation_figures.observed_orders(table)["order"]
     assert order == pytest.approx(math.log(4) / math.log(23.5 / 13.5))
 
 

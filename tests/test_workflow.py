@@ -17,7 +17,7 @@ from dldsim.tables import COLUMNS, read_rows
 ROOT = Path(__file__).parents[1]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
 AFTER_RUNS = {"runs": 1, "anova": 1, "robustness_map": 1, "benchmark": 1, "surrogate": 1,
-              "designs": 1, "report": 1, "all": 1}
+              "designs": 1, "learning_curve": 1, "search_regret": 1, "report": 1, "all": 1}
 AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_RUNS
 
 
@@ -97,7 +97,7 @@ FLOWS = {"empty_flow": 8, "flows": 1}
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ("numerics={kernel_points: 4}", SIMULATIONS | {"constrict": 3} | AFTER_CONSTRICTION),
+        ("numerics={kernel: 4-point}", SIMULATIONS | {"constrict": 3} | AFTER_CONSTRICTION),
         ("numerics={rows: 2}", SIMULATIONS | FLOWS | AFTER_RUNS),
         ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_RUNS),
         ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_RUNS),
@@ -109,8 +109,10 @@ FLOWS = {"empty_flow": 8, "flows": 1}
         ("sweep={gap_um: [15, 20, 21]}", {"empty_flow": 4, "flows": 1, "simulate_run": 8,
                                           "trajectories": 1} | AFTER_RUNS),
         ("sweep={gap_um: [20]}", {"flows": 1, "trajectories": 1} | AFTER_RUNS),
-        ("sweep={safety_distance_um: 1}", {"designs": 1, "report": 1, "all": 1}),
-        ("seed=3", {"benchmark": 1, "surrogate": 1, "designs": 1, "report": 1, "all": 1}),
+        ("sweep={safety_distance_um: 1}", {"designs": 1, "search_regret": 1, "report": 1,
+                                            "all": 1}),
+        ("seed=3", {"benchmark": 1, "surrogate": 1, "designs": 1, "learning_curve": 1,
+                    "search_regret": 1, "report": 1, "all": 1}),
     ],
 )
 def test_a_changed_value_reruns_its_dependents_only(finished, change, expected):
@@ -165,6 +167,7 @@ def test_tiny_campaign_end_to_end(tmp_path):
         "calibration_correlations": "calibration_correlations", "anova": "anova",
         "robustness": "robustness", "benchmark": "benchmark", "predictions": "predictions",
         "designs": "designs", "design_trials": "design_trials",
+        "learning_curve": "learning_curve", "search_regret": "search_regret",
     }.items():
         assert read_rows(kind, results / f"{name}.parquet"), name
         assert name == "trajectories" or (results / f"{name}.csv").exists()

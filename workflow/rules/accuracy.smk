@@ -1,4 +1,4 @@
-# Error against run time, one numerical setting at a time; not part of the campaign.
+# Error against run time, and the numerical uncertainty; not part of the campaign.
 
 
 rule accuracy_run:
@@ -24,15 +24,20 @@ rule accuracy:
     output:
         table=f"{RESULTS}/accuracy.parquet",
         csv=f"{RESULTS}/accuracy.csv",
+        classes=f"{RESULTS}/sigma_num.parquet",
+        classes_csv=f"{RESULTS}/sigma_num.csv",
+        runs=f"{RESULTS}/sigma_num_runs.parquet",
+        runs_csv=f"{RESULTS}/sigma_num_runs.csv",
+        model=f"{RESULTS}/sigma_num.json",
     params:
         variants=VARIANTS,
         config=CONFIG.model_dump(mode="json"),
-        settings=settings_of("accuracy"),
+        settings=settings_of("accuracy", "numerics", "run_control"),
     log:
         f"{RESULTS}/logs/accuracy.log",
     benchmark:
         f"{RESULTS}/benchmarks/accuracy.tsv"
     message:
-        "compare the accuracy runs"
+        "compare the accuracy runs and model the numerical uncertainty"
     script:
         "../scripts/accuracy.py"

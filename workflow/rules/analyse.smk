@@ -55,3 +55,21 @@ rule benchmark:
         "compare regressors of the migration angle"
     script:
         "../scripts/benchmark.py"
+
+
+rule learning_curve:
+    input:
+        rules.runs.output.table,
+    output:
+        table=f"{RESULTS}/learning_curve.parquet",
+        csv=f"{RESULTS}/learning_curve.csv",
+    params:
+        settings=seeded(),
+    log:
+        f"{RESULTS}/logs/learning_curve.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/learning_curve.tsv"
+    message:
+        "learn the migration angle from fewer runs"
+    script:
+        "../scripts/learning_curve.py"

@@ -32,7 +32,7 @@ wildcard_constraints:
     geometry=campaign.GEOMETRY_PATTERN,
     run=campaign.RUN_PATTERN,
     constriction=r"[A-Za-z0-9-]+_\d+",
-    variant=r"[A-Za-z0-9-]+--[a-z_]+--\d+",
+    variant=r"[A-Za-z0-9._-]+--[a-z_]+--\d+--\d+",
     case=r"[a-z-]+",
 
 

@@ -42,3 +42,26 @@ rule designs:
         "search for designs"
     script:
         "../scripts/designs.py"
+
+
+rule search_regret:
+    input:
+        model=rules.surrogate.output.model,
+        card=rules.surrogate.output.card,
+        calibration=rules.calibration.output.calibration,
+    output:
+        table=f"{RESULTS}/search_regret.parquet",
+        csv=f"{RESULTS}/search_regret.csv",
+    params:
+        settings={
+            **seeded("design_requests"),
+            "safety_distance_um": CONFIG.sweep.safety_distance_um,
+        },
+    log:
+        f"{RESULTS}/logs/search_regret.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/search_regret.tsv"
+    message:
+        "compare the design search with random and exhaustive search"
+    script:
+        "../scripts/search_regret.py"

@@ -12,8 +12,11 @@ rule report:
         rules.robustness_map.output.table,
         rules.benchmark.output,
         rules.designs.output,
+        rules.learning_curve.output,
+        rules.search_regret.output,
         rules.surrogate.output,
         made(rules.validation.output.table),
+        made(rules.accuracy.output.table),
     output:
         f"{RESULTS}/report.html",
     params:

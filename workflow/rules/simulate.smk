@@ -83,7 +83,7 @@ rule runs:
         table=f"{RESULTS}/runs.parquet",
         csv=f"{RESULTS}/runs.csv",
     params:
-        settings=settings_of(),
+        settings={**settings_of("run_control"), "sigma_num_model": accuracy.model_hash()},
     log:
         f"{RESULTS}/logs/runs.log",
     benchmark:

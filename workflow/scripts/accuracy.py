@@ -1,18 +1,14 @@
-"""Rows of the accuracy runs in, table of errors out."""
+"""Rows of the accuracy runs in; tables of errors, model of the numerical uncertainty out."""
 
-from dldsim.accuracy import parse_variant, table
+from pathlib import Path
+
 from dldsim.config import Config
-from dldsim.jobs import job_log, provenance
-from dldsim.tables import read_rows, write_csv, write_table
+from dldsim.jobs import gather_accuracy, job_log
 
 with job_log(snakemake.log[0]):
-    config = Config(**snakemake.params.config)
-    rows = [
-        (parse_variant(variant), read_rows("runs", path)[0])
-        for variant, path in zip(snakemake.params.variants, snakemake.input.rows, strict=True)
-    ]
-    write_table(
-        "accuracy", table(rows, config), snakemake.output.table,
-        provenance(snakemake.params.settings),
+    gather_accuracy(
+        zip(snakemake.params.variants, map(Path, snakemake.input.rows), strict=True),
+        Config(**snakemake.params.config), snakemake.params.settings,
+        table=Path(snakemake.output.table), model=Path(snakemake.output.model),
+        classes=Path(snakemake.output.classes), runs=Path(snakemake.output.runs),
     )  # fmt: skip
-    write_csv("accuracy", snakemake.output.table)

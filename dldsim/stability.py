@@ -1,0 +1,126 @@
+"""What the explicit step of a scene can carry, known before it runs, and the step that suits it.
+
+Leapfrog moves a vertex with the momentum that its force has just changed. An elastic mode then has
+ω² = λ(W K), with the stiffness K of the membrane and W = J Jᵀ, the velocity that a unit force,
+spread to the fluid (Jᵀ), gives back to the vertices (J) within the step; undamped leapfrog bears
+ω² < 4. A fluid that is itself an explicit, compressible oscillator bears less, and how much depends
+on its viscosity: THRESHOLDS, measured. Every margin here is in proportion to the velocity in
+lattice units, that is, to the time step.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dldsim.cellflow import CellInFlow
+from dldsim.config import Numerics
+from dldsim.coupling import EVEN_ODD, interpolate, locate, spread
+from dldsim.membrane import elastic_forces
+
+THRESHOLDS = {0.55: 0.39, 0.65: 0.87, 0.8: 1.44, 1.25: 2.0, 2.0: 1.78, 3.0: 1.44}
+"""Largest ω² that held at a relaxation time, even-odd kernels: see `stability_sweep`."""
+SAFETY = 0.5
+"""Share of the threshold that counts as safe: a deformed membrane was seen up to 1.4 times as stiff
+as at rest."""
+FEEDING = 0.1
+"""The same share for kernels that feed staggered momentum, whose modes grow at any ω²."""
+LARGEST_LAG = 0.1
+"""Of the running mean on which dashpots act, in times in which the cell moves by its radius."""
+LARGEST_SPEED = 0.2
+"""Of the fluid at release; a cell in a gap has been seen to raise it by 1.7."""
+ITERATIONS = 50
+STRAIN = 1e-5
+"""Displacement, in nodes, of the difference that stands for the stiffness."""
+
+
+class Margins(NamedTuple):
+    """What a scene asks of its time step as a share of what is safe: up to 1 is safe.
+
+    ``elastic``: ω² of the stiffest mode. ``mass``: dissipative coupling, vertex mass that the
+    springs ask for over that which friction does. ``lag``: of the dashpots. ``speed``: of the
+    fluid.
+    """
+
+    elastic: float
+    mass: float
+    lag: float
+    speed: float
+
+
+def elastic_frequency(scene: CellInFlow) -> float:
+    """ω² of the stiffest elastic mode, lattice units; by power iteration, a few per cent too low.
+
+    The volume term, a single mode, has its own limit (`cellflow.volume_stiffness`).
+    """
+    x, stencil, force = scene.body.x, scene.stencil, scene.fluid.force
+    moduli = scene.moduli._replace(kv=0.0, kvisc=0.0)
+    locate(x, scene.domain, stencil)
+    ahead, behind, still, answer = (np.zeros_like(x) for _ in range(4))
+    density, nothing = np.zeros(len(force)), np.zeros(len(force))
+    mode = np.random.default_rng(0).normal(size=x.shape)
+    for _ in range(ITERATIONS):
+        mode *= STRAIN / np.linalg.norm(mode)
+        elastic_forces(x + mode, still, scene.membrane, moduli, scene.scratch, ahead)
+        elastic_forces(x - mode, still, scene.membrane, moduli, scene.scratch, behind)
+        push = (behind - ahead) / 2
+        density[:] = 0
+        spread(push, stencil, density)
+        interpolate(density, nothing, 0.0, stencil, answer)
+        # Rayleigh quotient in the energy norm, in which W K is self-adjoint.
+        frequency = np.vdot(push, answer) / np.vdot(push, mode)
+        mode[:] = answer
+    return float(frequency)
+
+
+def frequency_limit(relaxation_time: float, kernel: str) -> float:
+    """ω² that counts as safe; below the lowest relaxation time studied in proportion to τ − 1/2."""
+    studied = [*THRESHOLDS]
+    threshold = np.interp(relaxation_time, studied, [*THRESHOLDS.values()])
+    threshold *= min(1, (relaxation_time - 0.5) / (studied[0] - 0.5))
+    return float(threshold * (SAFETY if kernel in EVEN_ODD else FEEDING))
+
+
+def margins(scene: CellInFlow) -> Margins:
+    """Of a scene as it is released."""
+    numerics = scene.numerics
+    velocity, radius = numerics.velocity_lu, scene.radius_um / scene.units.spacing_um
+    if numerics.coupling == "no-slip":
+        elastic = elastic_frequency(scene) / frequency_limit(
+            numerics.relaxation_time, numerics.kernel
+        )
+        mass = 0.0
+        lag = velocity / radius / scene.blend / LARGEST_LAG if scene.moduli.kvisc else 0.0
+    else:
+        elastic = 0.0  # the vertex mass is chosen for it
+        stiffest = max(scene.moduli.ks + scene.moduli.kal, scene.moduli.kb)
+        mass = 3 * stiffest / (2 * scene.friction)
+        lag = velocity / radius / scene.blend / LARGEST_LAG
+    speed = scene.sample().speed_max / LARGEST_SPEED
+    return Margins(elastic, mass, lag, speed)
+
+
+def refinement(given: Margins, numerics: Numerics) -> float:
+    """Factor by which the time step is made shorter: 1 where that given is safe or insisted on."""
+    return max(1.0, *given) if numerics.time_step == "automatic" else 1.0
+
+
+def refined(numerics: Numerics, factor: float) -> Numerics:
+    """Numerics with a shorter time step, by way of the velocity in lattice units."""
+    return numerics.model_copy(update={"velocity_lu": numerics.velocity_lu / factor})
+
+
+def bottleneck(given: Margins) -> str:
+    """What asks most of the time step, in words."""
+    words = {
+        "elastic": "the membrane is too stiff for the step given",
+        "mass": "springs would make the vertices too heavy",
+        "lag": "the membrane's viscosity would act too late",
+        "speed": "the fluid would be too fast",
+    }
+    return words[max(words, key=lambda name: getattr(given, name))]
+
+
+def describe(given: Margins, factor: float) -> dict:
+    """For the record of a run: what its time step was asked for, and the factor that answered."""
+    shares = {f"margin_{name}": round(value, 4) for name, value in given._asdict().items()}
+    return {**shares, "time_step_refinement": round(factor, 4)}
