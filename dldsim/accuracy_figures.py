@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from dldsim.accuracy import ANGLE, INDEX, REFERENCE, REPLAYED
+from dldsim.accuracy import ANGLE, INDEX, REFERENCE, RELEASE, REPLAYED
 from dldsim.figures import (
     GREY,
     MODE_COLOUR,
@@ -28,6 +28,8 @@ CLASS_COLOUR = MODE_COLOUR | {"unsettled": "#CC79A7"}
 CLASS_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "unsettled": "X", "none": "x"}
 METHOD_COLOUR = {"tpe": "#0072B2", "random": "#D55E00", "grid": "#009E73"}
 METHOD_NAME = {"tpe": "TPE", "random": "random", "grid": "exhaustive grid"}
+INITIAL = ("axis", RELEASE)
+"""Knobs that say where a run begins: what they change is an error that no dearer run cures."""
 LEAST = 1e-4
 """Errors below this share are drawn there: an axis of logarithms has no zero."""
 QUANTITY = {ANGLE: r"$\theta_m$", INDEX: "DI"}
@@ -55,16 +57,19 @@ def overall(accuracy: pd.DataFrame, quantity: str) -> pd.DataFrame:
 
     Columns: kind, knob, setting, is_default, error (root mean square of the cases' shares), noise
     (likewise), cost (geometric mean of the wall time relative to the default), settled, front (no
-    other is both cheaper and better). Settings without a value in some case are left out. The time
-    is that of a row but where the setting is about the number of rows: how soon an orbit is found
-    is chance.
+    other is both cheaper and better). Without the reference itself, knobs of the release, and
+    settings that have no value in some case. The time is that of a row, since how soon an orbit is
+    found is chance; where the setting is about the number of rows, that of the replayed run.
     """
     part = accuracy[accuracy["quantity"] == quantity]
     default = part[(part["kind"] == "setting") & part["is_default"]].set_index("case")
     rows = part["rows"].where(~part["knob"].isin(REPLAYED)).fillna(1.0).astype(float)
     usual = part["case"].map(default["rows"]).where(~part["knob"].isin(REPLAYED)).fillna(1.0)
-    time = part["wall_time_s"] / part["case"].map(default["wall_time_s"])
+    own = part[part["knob"].isin(REPLAYED) & part["is_default"]].groupby("case")["wall_time_s"]
+    base = part["case"].map(own.first()).where(part["knob"].isin(REPLAYED))
+    time = part["wall_time_s"] / base.fillna(part["case"].map(default["wall_time_s"]))
     part = part.assign(cost=time / rows * usual.astype(float))
+    part = part[~part["knob"].isin((REFERENCE, *INITIAL))]
     rows = []
     keys = ["kind", "knob", "setting", "rank"]
     for (kind, knob, setting, _), group in part.groupby(keys, sort=False):
@@ -185,7 +190,6 @@ def draw_pareto(accuracy: pd.DataFrame) -> Figure:
     figure, panels = multiples(len(quantities), 2, 9.2, 4.0)
     for panel, quantity in zip(panels, quantities, strict=True):
         table = overall(accuracy, quantity)
-        table = table[table["knob"] != REFERENCE]
         noise = table["noise"].iloc[0]
         if pd.notna(noise):
             panel.axhspan(0, 100 * noise, color="#EDEFF2", linewidth=0)

@@ -200,6 +200,23 @@ def centroid(x, faces, centre):
         centre[d] = x[0, d] + centre[d] / (4.0 * total)
 
 
+@jit
+def inverted_faces(area_vectors, membrane):
+    """Number of faces whose normal points against those of all three neighbours."""
+    count = 0
+    for f in range(area_vectors.shape[0]):
+        against = 0
+        for k in range(3):
+            pair = membrane.edge_faces[membrane.face_edges[f, k]]
+            g = pair[0] + pair[1] - f
+            dot = 0.0
+            for d in range(3):
+                dot += area_vectors[f, d] * area_vectors[g, d]
+            against += dot < 0
+        count += against == 3
+    return count
+
+
 def deformation_index(extent_x, extent_y):
     """DI = (a - b)/(a + b) of the bounding box of the profile seen along z, and a, b."""
     a, b = np.maximum(extent_x, extent_y), np.minimum(extent_x, extent_y)
@@ -246,7 +263,10 @@ def vertex_mass(friction: float, moduli: Moduli) -> float:
 
 @dataclass(frozen=True)
 class Sample:
-    """What is recorded of a cell at one instant; lattice units."""
+    """What is recorded of a cell at one instant; lattice units.
+
+    ``inverted``: share of the faces that are turned against all three neighbours.
+    """
 
     step: int
     centre: np.ndarray
@@ -257,6 +277,7 @@ class Sample:
     clearance: float
     speed_max: float
     mean_velocity: np.ndarray
+    inverted: float = 0.0
 
     def trouble(self) -> str | None:
         """Why the run has left its safe range, or None."""
@@ -270,6 +291,8 @@ class Sample:
             return f"cell volume drifted by {self.volume_ratio - 1:+.0%}"
         if abs(self.area_ratio - 1) > 0.5:
             return f"cell area drifted by {self.area_ratio - 1:+.0%}"
+        if self.inverted > 0.05:
+            return f"{self.inverted:.0%} of the membrane's faces are inverted"
         return None
 
 
@@ -392,6 +415,7 @@ class CellInFlow:
             clearance(self.body.x, self.contact),
             float(fastest(self.fluid.velocity, self.fluid.lattice.nodes)),
             self._mean.copy(),
+            inverted_faces(self.scratch.area_vectors, self.membrane) / len(self.membrane.faces),
         )
 
     def energies(self) -> Energies:

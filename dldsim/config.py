@@ -437,12 +437,6 @@ class Config(Section):
                 f"unknown stiffness set: {'; '.join(unknown)}; known: "
                 + ", ".join(self.stiffness_sets)
             )
-        for group in self.accuracy.deformation_index.cases:
-            if group not in self.constriction_groups:
-                raise ValueError(
-                    f"accuracy.deformation_index.cases names {group}; constriction_groups: "
-                    + ", ".join(self.constriction_groups)
-                )
         calibrated = [g.stiffness_set for g in self.constriction_groups.values() if g.stiffness_set]
         repeated = sorted({name for name in calibrated if calibrated.count(name) > 1})
         if repeated:
@@ -459,6 +453,12 @@ class Config(Section):
         repeated = sorted({name for name in names if names.count(name) > 1})
         if repeated:
             raise ValueError(f"design request names must differ; repeated: {', '.join(repeated)}")
+        for group in self.accuracy.deformation_index.cases:
+            if group not in self.constriction_groups:
+                raise ValueError(
+                    f"accuracy.deformation_index.cases names {group}; name some of the "
+                    f"constriction_groups {', '.join(self.constriction_groups)}, or none: []"
+                )
         return self
 
 

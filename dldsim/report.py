@@ -878,8 +878,7 @@ def _validation(campaign: Campaign) -> str:
     parts = [
         "<p>Cases with a reference that is exact, published, or computed by another method. They "
         "run apart from this campaign, at the resolutions stated. What each mark allows and why is "
-        "in the description of its case in <code>dldsim/validation_fluid.py</code> and "
-        "<code>dldsim/validation_membrane.py</code>.</p>",
+        "in <code>docs/validation.md</code>.</p>",
         _case_table(campaign), _failing_table(campaign),
     ]
     if {"square-arrays", "row-shifted-arrays", "duct-poiseuille"} & present:
@@ -909,6 +908,29 @@ def _validation(campaign: Campaign) -> str:
             "Red cell pulled by optical tweezers, no parameter fitted. Bars: bounds of the "
             "experiment on the side of our value. Lines computed, points from literature (Mills et "
             "al. 2004, Suresh et al. 2005).", ["validation"],
+        ))
+    if "capsule-in-shear" in present:
+        parts.append(campaign.figure(
+            "capsules", validation_figures.draw_capsules(table),
+            "Capsules in simple shear, with the surface shear modulus in Ca. Dots: ours; squares: "
+            "boundary integral (G<sub>s</sub> laws) and small-deformation theory; grey: published "
+            "codes, membranes without bending. Springs have the shear modulus √3/4 k<sub>s</sub> "
+            "and are another law, beside the neo-Hookean curve. Measured.", ["validation"],
+        ))
+    if "rigid-transition" in present:
+        parts.append(campaign.figure(
+            "transition", validation_figures.draw_transition(table),
+            "Critical diameter of stiff spheres, bracketed by bisection (bars), over the row "
+            "shift. Line: empirical law of measured devices with their scatter; dashed: critical "
+            "diameter of a point-like follower, from the stream lanes. Measured.", ["validation"],
+        ))
+    if "constriction-shape" in present:
+        parts.append(campaign.figure(
+            "constriction_shape", validation_figures.draw_constriction_shape(table),
+            "Diameters along (D) and across (H) the flow at four positions of a constriction: the "
+            "source paper's experiment (bars: 11.25 %, the largest deviation of its own "
+            "simulation), and ours in channels that the experiment does not name. "
+            "Measured.", ["validation"],
         ))
     return "\n".join(parts)
 

@@ -212,6 +212,7 @@ def simulate_run(
                 "release_axis": cell.axis,
                 "release_gap_fraction": cell.release_gap_fraction,
                 **describe(asked, factor),
+                "inverted_faces_max": float(record.column("inverted").max()),
                 "start_up_s": round(loop - start, 3),
             }
         ),

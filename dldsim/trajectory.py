@@ -97,8 +97,8 @@ def analyse_path(
     """Migration of a cell from its lateral positions at the row crossings (rows + 1,).
 
     Status "converged" (repeats every row), "periodic" (every p rows) or "period_limit" (does not
-    repeat; the angle is that of the second half, at least N_p rows). ``sigma_orbit_deg`` covers only
-    how well the motion repeats: the drift on an orbit, else the change against the rows before.
+    repeat; the angle is that of the second half, at least N_p rows). ``sigma_orbit_deg`` is how
+    well the motion repeats: the drift on an orbit, else the change against the rows before.
     """
     rows = len(lateral) - 1
     steps = np.diff(lateral)

@@ -112,6 +112,10 @@ CASES = {
         "Capsule in simple shear", "cell", "validation_cell.capsule_in_shear",
         "boundary integral",
     ),
+    "rigid-transition": Case(
+        "Stiff sphere between bump and zigzag", "cell", "validation_cell.rigid_transition",
+        "D_c = 1.4 G ε^0.48, Davis 2008",
+    ),
 }  # fmt: skip
 
 

@@ -180,15 +180,15 @@ def test_real_surrogate_separates_soft_from_stiff():
 
 
 def test_designs_closer_than_their_uncertainty_share_a_rank():
-    """σ_num of an angle 0.2°: of a separation 0.2 √2, of a difference of separations 0.4°."""
-    plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g), sigma=0.2)
-    designs, _ = search(plane, ask(candidates=8, tolerance_um=0.1), 2.0, seed=1)
+    """σ_num of an angle 0.1°: of a separation 0.1 √2, of a difference of separations 0.2°."""
+    plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g), sigma=0.1)
+    designs, _ = search(plane, ask(candidates=8, periodicity=(8, 8)), 2.0, seed=1)
     rows = designs.to_dict("records")
-    assert designs["sigma_num_deg"].to_numpy() == pytest.approx(0.2 * 2**0.5)
-    assert designs["uncertainty_deg"].to_numpy() == pytest.approx((2 * 0.1**2 + 0.08) ** 0.5)
+    assert designs["sigma_num_deg"].to_numpy() == pytest.approx(0.1 * 2**0.5)
+    assert designs["uncertainty_deg"].to_numpy() == pytest.approx((2 * 0.1**2 + 0.02) ** 0.5)
     leader = rows[0]
     for place, row in enumerate(rows):
-        if leader["separation_deg"] - row["separation_deg"] >= 0.4:
+        if leader["separation_deg"] - row["separation_deg"] >= 0.2:
             leader = row
             assert row["rank"] == place + 1
         assert row["rank"] == leader["rank"]
@@ -212,7 +212,7 @@ def test_regret_of_a_known_hill():
         assert part["evaluations"].is_monotonic_increasing
         assert part["regret_deg"].is_monotonic_decreasing and part["time_s"].is_monotonic_increasing
     grid = table[table["method"] == "grid"].sort_values("evaluations")
-    assert grid["best_deg"].iloc[-1] == pytest.approx(3.0)  # 0.3 × 10, on the summit
+    assert grid["best_deg"].iloc[-1] == pytest.approx(3.0, rel=1e-3)  # 0.3 × 10, at the summit
     assert grid["evaluations"].tolist() == [9 * k**2 for k in (3, 5, 9, 17, 33)]
     last = table[table["evaluations"] == 40].groupby("method")["regret_deg"].median()
     assert last["tpe"] < last["random"]

@@ -14,7 +14,7 @@ FLOORS = [
     {"flow", "cellflow"},
     {"stability"},
     {"simulation", "constriction"},
-    {"shear", "validation", "validation_fluid", "validation_membrane",
+    {"shear", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
      "validation_cell", "vtk"},
     {"statistics", "calibration", "surrogate", "design", "mask"},
     {"figures", "validation_figures", "accuracy_figures", "report", "movie"},
@@ -25,7 +25,8 @@ FLOORS = [
 ]
 """From the ground up; a module imports from its own floor and those below."""
 
-LIGHT = {"errors", "config", "campaign", "accuracy", "reference", "validation", "cli", "__main__"}
+LIGHT = {"errors", "stability_sweep", "config", "campaign", "accuracy", "reference", "validation",
+         "cli", "__main__"}
 """Read by rule files and at the start of every command: no heavy import at their top."""
 HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
          "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}
