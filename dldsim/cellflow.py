@@ -14,11 +14,11 @@ from dldsim.config import Cell, Numerics, Stiffness
 from dldsim.coupling import (
     EVEN_ODD,
     Contact,
-    Domain,
     clearance,
     contact_forces,
     interpolate,
     locate,
+    make_domain,
     make_stencil,
     spread,
 )
@@ -201,18 +201,16 @@ def centroid(x, faces, centre):
 
 
 @jit
-def inverted_faces(area_vectors, membrane):
+def inverted_faces(normals, membrane):
     """Number of faces whose normal points against those of all three neighbours."""
     count = 0
-    for f in range(area_vectors.shape[0]):
+    nx, ny, nz = normals
+    for f in range(len(nx)):
         against = 0
         for k in range(3):
             pair = membrane.edge_faces[membrane.face_edges[f, k]]
             g = pair[0] + pair[1] - f
-            dot = 0.0
-            for d in range(3):
-                dot += area_vectors[f, d] * area_vectors[g, d]
-            against += dot < 0
+            against += nx[f] * nx[g] + ny[f] * ny[g] + nz[f] * nz[g] < 0
         count += against == 3
     return count
 
@@ -330,10 +328,8 @@ class CellInFlow:
         self.body = Body(
             vertices.copy(), *(np.zeros((v, 3)) for _ in range(4))
         )  # fmt: skip
-        self.stencil = make_stencil(v, numerics.kernel)
-        self.domain = Domain(
-            lattice.nx, lattice.ny, lattice.nz, lattice.row_shift, lattice.walls, lattice.column
-        )
+        self.stencil = make_stencil(v, numerics.kernel, fluid.dtype)
+        self.domain = make_domain(lattice, fluid.dtype)
         # Friction, mass and contact belong to a patch of membrane, whatever the mesh.
         self.density = self.membrane.rest_area * spacing**2 / v / REFERENCE_VERTEX_AREA_UM2
         n = CONTACT_EXPONENT
@@ -403,7 +399,7 @@ class CellInFlow:
 
     def sample(self) -> Sample:
         """Record the present state."""
-        size, volume = measure_faces(self.body.x, self.membrane.faces, self.scratch.area_vectors)
+        size, volume = measure_faces(self.body.x, self.scratch)
         mean_velocity(self.fluid.velocity, self.drive, self._mean)
         return Sample(
             self.steps,
@@ -415,7 +411,7 @@ class CellInFlow:
             clearance(self.body.x, self.contact),
             float(fastest(self.fluid.velocity, self.fluid.lattice.nodes)),
             self._mean.copy(),
-            inverted_faces(self.scratch.area_vectors, self.membrane) / len(self.membrane.faces),
+            inverted_faces(self.scratch.normals, self.membrane) / len(self.membrane.faces),
         )
 
     def energies(self) -> Energies:

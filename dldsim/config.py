@@ -98,7 +98,7 @@ class Numerics(Section):
     """How the equations are solved."""
 
     spacing_um: float = Field(1.25, gt=0, description="largest lattice spacing wanted")
-    velocity_lu: float = Field(0.0125, gt=0, le=0.1, description="mean velocity in lattice units")
+    velocity_lu: float = Field(0.025, gt=0, le=0.1, description="mean velocity in lattice units")
     relaxation_time: float = Field(1.25, gt=0.5, le=5, description="τ of the shear stress")
     collision: Literal["trt", "bgk"] = Field("trt", description="collision operator")
     inertia: Literal["stokes", "navier-stokes"] = Field(
@@ -115,7 +115,7 @@ class Numerics(Section):
     )
     time_step: Literal["automatic", "as-given"] = Field(
         "automatic",
-        description="automatic: shorter than velocity_lu gives it where the membrane asks for it",
+        description="automatic: shorter than velocity_lu gives where the membrane needs it",
     )
     kernel: Literal["compact", "linear", "3-point", "4-point"] = Field(
         "compact", description="immersed-boundary kernel"

@@ -9,34 +9,74 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dldsim._numba import jit
+from dldsim._numba import jit, restrict
 from dldsim.geometry import pillar_distance
+from dldsim.lattice import Lattice, neighbour
+
+REACH = 4
+"""Nodes of the widest kernel along one axis: how far the tables of a domain go beyond its ends."""
 
 
 class Domain(NamedTuple):
-    """Where lattice nodes are; see :class:`dldsim.lattice.Lattice`."""
+    """Where lattice nodes are; see :class:`dldsim.lattice.Lattice`.
+
+    ``first`` ((nx + REACH) * width,): first node of a column, ``fluid``: whether it holds fluid, 1
+    or 0; ``level`` (nz + 2 REACH): height of a node from REACH below the floor on, ``between``:
+    whether it is between plates, 1 or 0. ``width`` is ny + REACH.
+    """
 
     nx: int
     ny: int
     nz: int
     row_shift: int
     walls: bool
-    column: np.ndarray
+    width: int
+    first: np.ndarray
+    fluid: np.ndarray
+    level: np.ndarray
+    between: np.ndarray
+
+
+def make_domain(lattice: Lattice, dtype=np.float64) -> Domain:
+    """Tables of one scene; ``dtype``: precision of the fields."""
+    nx, ny, nz = lattice.nx, lattice.ny, lattice.nz
+    ix, iy = np.indices((nx + REACH, ny + REACH)).reshape(2, -1)
+    column = lattice.column[neighbour((nx, ny), lattice.row_shift, ix, iy, 0, 0)]
+    z = np.arange(-REACH, nz + REACH)
+    between = (z >= 0) & (z < nz) | (not lattice.walls)
+    return Domain(
+        nx, ny, nz, lattice.row_shift, lattice.walls, ny + REACH,
+        (np.maximum(column, 0) * nz).astype(np.uint32), (column >= 0).astype(dtype),
+        np.where(between, z % nz, 0).astype(np.uint32), between.astype(dtype),
+    )  # fmt: skip
 
 
 class Stencil(NamedTuple):
-    """Nodes around each vertex, index (V, 3, N) uint64, and their weights (V, 3, N).
+    """Nodes around each vertex and their weights.
 
     Each component of a vector has its own nodes: along its own axis the kernel is ``own``, along
-    the others ``across``. ``first`` (3, 2) and ``axis_weight`` (3, 2, 4): work space.
+    the others ``across``; ``own_points``, ``across_points`` are as long as these kernels have
+    points, which the compiler then knows. The nodes of a component are its columns times its
+    levels: ``column``, ``column_weight`` (V, R), first node, for x, y and z in turn; ``level``,
+    ``level_weight`` (V, Q), height above it, for x and y, then for z. Nodes in solids and beyond
+    plates weigh nothing.
+
+    Work space: ``axis_first`` (6, V) and ``axis_weight`` (6, 4, V) of the kernel across, then own,
+    along x, y and z; ``place`` (5, V) in the tables of the domain: first column for x, y and z,
+    first level for x and y, and for z.
     """
 
-    index: np.ndarray
-    weight: np.ndarray
+    column: np.ndarray
+    column_weight: np.ndarray
+    level: np.ndarray
+    level_weight: np.ndarray
     own: int
     across: int
-    first: np.ndarray
+    own_points: tuple[int, ...]
+    across_points: tuple[int, ...]
+    axis_first: np.ndarray
     axis_weight: np.ndarray
+    place: np.ndarray
 
 
 LINEAR, TRAPEZOID, ROMA, PESKIN = range(4)
@@ -55,99 +95,169 @@ Along the axis of each component their weights on even and on odd nodes are the 
 """
 
 
-def make_stencil(vertices: int, kernel: str) -> Stencil:
-    """Work space for one of KERNELS."""
+def make_stencil(vertices: int, kernel: str, dtype=np.float64) -> Stencil:
+    """Work space for one of KERNELS; ``dtype``: precision of the fields."""
     own, across = KERNELS[kernel]
-    shape = vertices, 3, POINTS[own] * POINTS[across] ** 2
+    m, n = POINTS[own], POINTS[across]
+    columns, levels = (vertices, 2 * m * n + n * n), (vertices, m + n)
     return Stencil(
-        np.zeros(shape, np.uint64), np.zeros(shape), own, across, np.zeros((3, 2), np.int64),
-        np.zeros((3, 2, 4)),
+        np.zeros(columns, np.uint32), np.zeros(columns, dtype),
+        np.zeros(levels, np.uint32), np.zeros(levels, dtype),
+        own, across, tuple(range(m)), tuple(range(n)),
+        np.zeros((6, vertices)), np.zeros((6, 4, vertices), dtype),
+        np.zeros((5, vertices), np.uint32),
     )  # fmt: skip
 
 
-@jit
-def kernel_weights(p, kind, weight):
-    """First node and number of nodes of a kernel along one axis; fills their weights.
+@restrict
+def kernel_weights(x, axis, kind, k, first, weight):
+    """First node of a kernel along an axis, and weights of its nodes, for every vertex.
 
-    ``p``: position in nodes. LINEAR: hat of half width one. TRAPEZOID: the mean of two hats half a
-    node to either side, the narrowest kernel that meets the even-odd condition and keeps the first
-    moment. ROMA: Roma, Peskin & Berger (1999), eq. 22. PESKIN: Peskin (2002), eq. 6.27.
+    ``x`` (V, 3) positions; fills row k of ``first`` (…, V) and ``weight`` (…, 4, V). Node i sits
+    at i + 1/2. LINEAR: hat of half width one. TRAPEZOID: the mean of two hats half a node to either
+    side, the narrowest kernel that meets the even-odd condition and keeps the first moment. ROMA:
+    Roma, Peskin & Berger (1999), eq. 22. PESKIN: Peskin (2002), eq. 6.27.
     """
+    x = x.reshape(x.size)
+    vertices = range(first.shape[1])
     if kind == LINEAR:
-        first = np.floor(p)
-        weight[0] = 1.0 - (p - first)
-        weight[1] = p - first
-        return np.int64(first), 2
-    if kind == PESKIN:
-        first = np.floor(p) - 1.0
-        for n in range(4):
-            r = abs(p - first - n)
-            if r < 1.0:
-                weight[n] = (3.0 - 2.0 * r + np.sqrt(1.0 + 4.0 * r - 4.0 * r * r)) / 8.0
-            else:
-                root = -7.0 + 12.0 * r - 4.0 * r * r
-                weight[n] = (5.0 - 2.0 * r - np.sqrt(max(root, 0.0))) / 8.0
-        return np.int64(first), 4
-    first = np.floor(p + 0.5) - 1.0
-    t = p - first - 1.0
-    if kind == TRAPEZOID:
-        weight[0] = 0.25 - 0.5 * t
-        weight[1] = 0.5
-        weight[2] = 0.25 + 0.5 * t
+        for v in vertices:
+            p = x[3 * v + axis] - 0.5
+            first[k, v] = np.floor(p)
+            t = p - np.floor(p)
+            weight[k, 0, v] = 1.0 - t
+            weight[k, 1, v] = t
+    elif kind == TRAPEZOID:
+        for v in vertices:
+            p = x[3 * v + axis] - 0.5
+            first[k, v] = np.floor(p + 0.5) - 1.0
+            t = p - np.floor(p + 0.5)
+            weight[k, 0, v] = 0.25 - 0.5 * t
+            weight[k, 1, v] = 0.5
+            weight[k, 2, v] = 0.25 + 0.5 * t
+    elif kind == ROMA:
+        for v in vertices:
+            p = x[3 * v + axis] - 0.5
+            first[k, v] = np.floor(p + 0.5) - 1.0
+            t = p - np.floor(p + 0.5)
+            inner = np.sqrt(1.0 - 3.0 * t * t)
+            # Of the outer nodes at distance r = 1 ± t: (5 - 3 r - √(1 - 3 (1 - r)²))/6
+            weight[k, 0, v] = (2.0 - 3.0 * t - inner) / 6.0
+            weight[k, 1, v] = (1.0 + inner) / 3.0
+            weight[k, 2, v] = (2.0 + 3.0 * t - inner) / 6.0
     else:
-        for n in range(3):
-            r = abs(t + 1.0 - n)
-            if r < 0.5:
-                weight[n] = (1.0 + np.sqrt(1.0 - 3.0 * r * r)) / 3.0
-            else:
-                root = 1.0 - 3.0 * (1.0 - r) * (1.0 - r)
-                weight[n] = (5.0 - 3.0 * r - np.sqrt(max(root, 0.0))) / 6.0
-    return np.int64(first), 3
+        for v in vertices:
+            p = x[3 * v + axis] - 0.5
+            first[k, v] = np.floor(p) - 1.0
+            t = p - np.floor(p)
+            # At distances t and 1 - t, and beyond them 1 + t and 2 - t, the root is the same.
+            root = np.sqrt(1.0 + 4.0 * t - 4.0 * t * t)
+            weight[k, 0, v] = (3.0 - 2.0 * t - root) / 8.0
+            weight[k, 1, v] = (3.0 - 2.0 * t + root) / 8.0
+            weight[k, 2, v] = (1.0 + 2.0 * t + root) / 8.0
+            weight[k, 3, v] = (1.0 + 2.0 * t - root) / 8.0
+
+
+@restrict
+def _place(domain, stencil):
+    """Bring the first nodes into the tables of the domain.
+
+    Positions that are not finite end somewhere in them.
+    """
+    nx, ny, nz = np.float64(domain.nx), np.float64(domain.ny), np.float64(domain.nz)
+    row_shift, width, walls = np.float64(domain.row_shift), np.float64(domain.width), domain.walls
+    first, place = stencil.axis_first, stencil.place
+    per_x, per_y, per_z = 1.0 / nx, 1.0 / ny, 1.0 / nz
+    for v in range(place.shape[1]):
+        # The nodes across are among those along the own axis, from the first or second on.
+        ix, iy, iz = first[3, v], first[4, v], first[5, v]
+        kx, ky, kz = first[0, v] - ix, first[1, v] - iy, first[2, v] - iz
+        # Halfway between whole numbers rounding cannot take a node to the next period.
+        wraps = np.floor((ix + 0.5) * per_x)
+        ix -= wraps * nx
+        iy -= wraps * row_shift
+        iy -= np.floor((iy + 0.5) * per_y) * ny
+        iz -= 0.0 if walls else np.floor((iz + 0.5) * per_z) * nz
+        ix = ix if (ix >= 0.0) & (ix < nx) else 0.0
+        iy = iy if (iy >= 0.0) & (iy < ny) else 0.0
+        iz = REACH + (iz if (iz > -REACH) & (iz < nz) else np.float64(-REACH))
+        kx, ky, kz = 1.0 * (kx == 1.0), 1.0 * (ky == 1.0), 1.0 * (kz == 1.0)
+        place[0, v] = np.uint32(np.int64(ix * width + iy + ky))
+        place[1, v] = np.uint32(np.int64((ix + kx) * width + iy))
+        place[2, v] = np.uint32(np.int64((ix + kx) * width + iy + ky))
+        place[3, v] = np.uint32(np.int64(iz + kz))
+        place[4, v] = np.uint32(np.int64(iz))
 
 
 @jit
 def locate(x, domain, stencil):
     """Fill the stencil of every vertex."""
-    nx, ny, nz = domain.nx, domain.ny, domain.nz
-    first, weight = stencil.first, stencil.axis_weight
-    points = np.zeros(2, np.int64)
-    for v in range(x.shape[0]):
-        for d in range(3):  # node i sits at i + 1/2
-            first[d, 0], points[0] = kernel_weights(x[v, d] - 0.5, stencil.across, weight[d, 0])
-            first[d, 1], points[1] = kernel_weights(x[v, d] - 0.5, stencil.own, weight[d, 1])
-        for d in range(3):
-            kx, ky, kz = np.int64(d == 0), np.int64(d == 1), np.int64(d == 2)
-            n = 0
-            for a in range(points[kx]):
-                ix = first[0, kx] + a
-                wraps = ix // nx
-                jx = ix - wraps * nx
-                for b in range(points[ky]):
-                    jy = (first[1, ky] + b - wraps * domain.row_shift) % ny
-                    column = domain.column[jx, jy]
-                    wxy = weight[0, kx, a] * weight[1, ky, b]
-                    for c in range(points[kz]):
-                        jz = first[2, kz] + c
-                        if not domain.walls:
-                            jz %= nz
-                        if column < 0 or jz < 0 or jz >= nz:
-                            stencil.index[v, d, n] = 0
-                            stencil.weight[v, d, n] = 0.0
-                        else:
-                            stencil.index[v, d, n] = column * nz + jz
-                            stencil.weight[v, d, n] = wxy * weight[2, kz, c]
-                        n += 1
+    for axis in range(3):
+        for k, kind in ((axis, stencil.across), (axis + 3, stencil.own)):
+            kernel_weights(x, axis, kind, k, stencil.axis_first, stencil.axis_weight)
+    _place(domain, stencil)
+    _multiply(domain, stencil)
+
+
+@restrict
+def _multiply(domain, stencil):
+    """Columns and levels of every vertex, from the work space."""
+    m, n = len(stencil.own_points), len(stencil.across_points)
+    column, column_weight = stencil.column, stencil.column_weight
+    level, level_weight = stencil.level, stencil.level_weight
+    weight, place = stencil.axis_weight, stencil.place
+    first, fluid, height, between = domain.first, domain.fluid, domain.level, domain.between
+    width = np.uint64(domain.width)
+    for v in range(column.shape[0]):
+        r = 0
+        for a in range(m):
+            for b in range(n):
+                i = place[0, v] + np.uint64(a) * width + np.uint64(b)
+                column[v, r] = first[i]
+                column_weight[v, r] = fluid[i] * weight[3, a, v] * weight[1, b, v]
+                r += 1
+        for a in range(n):
+            for b in range(m):
+                i = place[1, v] + np.uint64(a) * width + np.uint64(b)
+                column[v, r] = first[i]
+                column_weight[v, r] = fluid[i] * weight[0, a, v] * weight[4, b, v]
+                r += 1
+        for a in range(n):
+            for b in range(n):
+                i = place[2, v] + np.uint64(a) * width + np.uint64(b)
+                column[v, r] = first[i]
+                column_weight[v, r] = fluid[i] * weight[0, a, v] * weight[1, b, v]
+                r += 1
+        for q in range(n):
+            i = place[3, v] + np.uint64(q)
+            level[v, q] = height[i]
+            level_weight[v, q] = between[i] * weight[2, q, v]
+        for q in range(m):
+            i = place[4, v] + np.uint64(q)
+            level[v, n + q] = height[i]
+            level_weight[v, n + q] = between[i] * weight[5, q, v]
 
 
 @jit
 def spread(force, stencil, field):
     """Add the vertex forces (V, 3) to the force density ``field`` (3 * stride,)."""
     stride = np.uint64(len(field)) // np.uint64(3)
+    m, n = len(stencil.own_points), len(stencil.across_points)
+    column, column_weight = stencil.column, stencil.column_weight
+    level, level_weight = stencil.level, stencil.level_weight
+    precision = column_weight.dtype.type
     for v in range(force.shape[0]):
-        for d in range(3):
-            for n in range(stencil.index.shape[2]):
-                i = stencil.index[v, d, n] + np.uint64(d) * stride
-                field[i] += stencil.weight[v, d, n] * force[v, d]
+        for d in range(2):
+            f = precision(force[v, d])
+            for r in range(d * m * n, (d + 1) * m * n):
+                first, w = column[v, r] + np.uint64(d) * stride, column_weight[v, r] * f
+                for q in range(n):
+                    field[first + level[v, q]] += level_weight[v, q] * w
+        f = precision(force[v, 2])
+        for r in range(2 * m * n, 2 * m * n + n * n):
+            first, w = column[v, r] + np.uint64(2) * stride, column_weight[v, r] * f
+            for q in range(n, n + m):
+                field[first + level[v, q]] += level_weight[v, q] * w
 
 
 @jit
@@ -158,13 +268,27 @@ def interpolate(velocity, force, ahead, stencil, vertex_velocity):
     the momentum by itself in one step.
     """
     stride = np.uint64(len(velocity)) // np.uint64(3)
+    m, n = len(stencil.own_points), len(stencil.across_points)
+    column, column_weight = stencil.column, stencil.column_weight
+    level, level_weight = stencil.level, stencil.level_weight
+    precision = column_weight.dtype.type
+    ahead = precision(ahead)
     for v in range(vertex_velocity.shape[0]):
-        for d in range(3):
-            u = 0.0
-            for n in range(stencil.index.shape[2]):
-                i = stencil.index[v, d, n] + np.uint64(d) * stride
-                u += stencil.weight[v, d, n] * (velocity[i] + ahead * force[i])
-            vertex_velocity[v, d] = u
+        for d in range(2):
+            total = precision(0)
+            for r in range(d * m * n, (d + 1) * m * n):
+                first, w = column[v, r] + np.uint64(d) * stride, column_weight[v, r]
+                for q in range(n):
+                    i = first + level[v, q]
+                    total += w * level_weight[v, q] * (velocity[i] + ahead * force[i])
+            vertex_velocity[v, d] = total
+        total = precision(0)
+        for r in range(2 * m * n, 2 * m * n + n * n):
+            first, w = column[v, r] + np.uint64(2) * stride, column_weight[v, r]
+            for q in range(n, n + m):
+                i = first + level[v, q]
+                total += w * level_weight[v, q] * (velocity[i] + ahead * force[i])
+        vertex_velocity[v, 2] = total
 
 
 class Contact(NamedTuple):

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dldsim import mesh
-from dldsim._numba import jit
+from dldsim._numba import jit, restrict
 from dldsim.errors import DldsimError
 from dldsim.finite_element import add_neo_hookean_forces, add_skalak_forces, in_plane_energy
 
@@ -68,16 +68,34 @@ class Membrane(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Work space of the kernels, and what they leave there.
+    """Who meets whom, work space of the kernels, and what they leave there.
 
-    area_vectors (F, 3): outward normal of a face times its area; lengths (E), angles (E): edge
-    length and φ; cosines (E).
+    One array per component, so that loops vectorise.
+
+    - corner_vertex: 3 arrays (F), edge_vertex: 2 arrays (E): vertices times 3, the place of x
+    - edge_face: 2 arrays (E); face_edge: 3 arrays (F), opposite to each vertex
+    - vertex_corner (K, V): corners 3 f + k that meet in a vertex, filled up with 3 F
+    - sides: x, y, z (F) of the side opposite to a face's first vertex, then second, then third
+    - normals: x, y, z (F) of the outward normal times the area; areas (F)
+    - directions: x, y, z (E) from first to second vertex; lengths (E), angles (E): φ
+    - pulls, twists (E): see `tense_edges`
+    - corners: x, y, z (3 F + 1) of the force of a face on its vertices, the last one zero
     """
 
-    area_vectors: np.ndarray
+    corner_vertex: tuple[np.ndarray, ...]
+    edge_vertex: tuple[np.ndarray, ...]
+    edge_face: tuple[np.ndarray, ...]
+    face_edge: tuple[np.ndarray, ...]
+    vertex_corner: np.ndarray
+    sides: tuple[np.ndarray, ...]
+    normals: tuple[np.ndarray, ...]
+    areas: np.ndarray
+    directions: tuple[np.ndarray, ...]
     lengths: np.ndarray
     angles: np.ndarray
-    cosines: np.ndarray
+    pulls: np.ndarray
+    twists: np.ndarray
+    corners: tuple[np.ndarray, ...]
 
 
 class Energies(NamedTuple):
@@ -98,25 +116,39 @@ def make_membrane(vertices: np.ndarray, faces: np.ndarray) -> Membrane:
     topology = mesh.make_topology(faces)
     x = np.ascontiguousarray(vertices, dtype=np.float64)
     scratch = make_scratch(topology)
-    area, volume = measure_faces(x, topology.faces, scratch.area_vectors)
+    area, volume = measure_faces(x, scratch)
     if not volume > 0:
         raise DldsimError(
             f"the mesh encloses a volume of {volume}: its faces point inward; flip them"
         )
-    measure_edges(x, topology.edges, topology.edge_faces, scratch)
+    measure_edges(x, scratch)
     return Membrane(
         topology.faces, topology.edges, topology.edge_faces, topology.face_edges,
-        scratch.lengths, scratch.angles, np.linalg.norm(scratch.area_vectors, axis=1),
-        area, volume,
+        scratch.lengths, scratch.angles, scratch.areas, area, volume,
     )  # fmt: skip
 
 
 def make_scratch(membrane: Membrane | mesh.Topology) -> Scratch:
     """Work space for one membrane; threads need one each."""
-    edges = len(membrane.edges)
+    faces, edges = membrane.faces, membrane.edges
+
+    def columns(table):
+        return tuple(np.ascontiguousarray(c, np.uint32) for c in np.transpose(table))
+
+    def zeros(count, length):
+        return tuple(np.zeros(length) for _ in range(count))
+
+    corner = np.argsort(faces, axis=None, kind="stable")
+    vertex = faces.ravel()[corner]
+    rank = np.arange(len(vertex)) - np.searchsorted(vertex, vertex)
+    vertex_corner = np.full((max(6, rank.max() + 1), faces.max() + 1), faces.size, np.uint32)
+    vertex_corner[rank, vertex] = corner
+    f, e = len(faces), len(edges)
     return Scratch(
-        np.empty((len(membrane.faces), 3)), np.empty(edges), np.empty(edges), np.empty(edges)
-    )
+        columns(3 * faces), columns(3 * edges), columns(membrane.edge_faces),
+        columns(membrane.face_edges), vertex_corner, zeros(9, f), zeros(3, f),
+        *zeros(1, f), zeros(3, e), *zeros(4, e), zeros(3, 3 * f + 1),
+    )  # fmt: skip
 
 
 def shear_modulus(ks: float) -> float:
@@ -150,168 +182,180 @@ def bending_modulus(kb: float) -> float:
 def elastic_forces(x, v, membrane, moduli, scratch, force):
     """Sum of all terms on every vertex, force (V, 3), overwritten.
 
-    x and v (V, 3) are positions and velocities.
+    x and v (V, 3) are positions and velocities. No loop writes to what another entry of it may
+    write to, so that all vectorise: edges and faces leave their share, vertices collect it.
     """
-    force[:] = 0.0
-    if moduli.ks != 0 or moduli.kvisc != 0:
-        add_edge_forces(x, v, membrane, moduli.ks, moduli.kvisc, force)
+    area, volume = measure_faces(x, scratch)
+    if moduli.ks != 0 or moduli.kvisc != 0 or moduli.kb != 0:
+        measure_edges(x, scratch)
+        tense_edges(v, membrane, moduli, scratch)
+    else:
+        scratch.pulls[:] = 0.0
+        scratch.twists[:] = 0.0
+    tension = moduli.kag * (area / membrane.rest_area - 1)
+    pressure = -moduli.kv * (volume / membrane.rest_volume - 1)
+    load_corners(membrane, moduli.kal, tension, pressure, scratch)
+    collect_corners(scratch, force)
     if moduli.neo_hookean != 0:
         add_neo_hookean_forces(x, membrane, moduli.neo_hookean, force)
     if moduli.skalak != 0:
         add_skalak_forces(x, membrane, moduli.skalak, moduli.skalak_c, force)
-    if moduli.kb != 0 or moduli.kal != 0 or moduli.kag != 0 or moduli.kv != 0:
-        area, volume = measure_faces(x, membrane.faces, scratch.area_vectors)
-    if moduli.kb != 0:
-        measure_edges(x, membrane.edges, membrane.edge_faces, scratch)
-        add_bending_forces(x, membrane, moduli.kb, scratch, force)
-    if moduli.kal != 0 or moduli.kag != 0 or moduli.kv != 0:
-        tension = moduli.kag * (area / membrane.rest_area - 1)
-        pressure = -moduli.kv * (volume / membrane.rest_volume - 1)
-        add_face_forces(x, membrane, moduli.kal, tension, pressure, scratch.area_vectors, force)
 
 
-@jit
-def add_edge_forces(x, v, membrane, ks, kvisc, force):
-    """Add stretching and viscous forces of the edges."""
-    edges, rest = membrane.edges, membrane.rest_lengths
-    for e in range(edges.shape[0]):
-        a, b = edges[e, 0], edges[e, 1]
-        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        ux, uy, uz = v[b, 0] - v[a, 0], v[b, 1] - v[a, 1], v[b, 2] - v[a, 2]
-        length2 = dx * dx + dy * dy + dz * dz
-        length = sqrt(length2)
-        s = length / rest[e]
-        s3 = s * s * s
-        kappa = sqrt(s) * (s3 + 1) / (s3 * s + 1)
-        pull = ks * kappa * (length - rest[e]) / length
-        pull += kvisc * (ux * dx + uy * dy + uz * dz) / length2
-        force[a, 0] += pull * dx
-        force[a, 1] += pull * dy
-        force[a, 2] += pull * dz
-        force[b, 0] -= pull * dx
-        force[b, 1] -= pull * dy
-        force[b, 2] -= pull * dz
-
-
-@jit
-def add_bending_forces(x, membrane, kb, scratch, force):
-    """Add −∇ k_b (φ − φ₀)²/2 of every edge; reads scratch as `measure_edges` leaves it.
-
-    In a face of normal n̂, ∇φ of an edge is −n̂/h at the vertex h above it, with the reaction shared
-    by the lever rule between the edge's ends. Summed over the edges of a face, p_i = k_b (φ − φ₀)/L
-    of the edge opposite vertex i: the force on i is n̂/(2A) Σ_k (p_i − p_j) d_k over the other two
-    vertices j, k, where d_k is the dot product of the sides that meet in k.
-    """
-    faces, face_edges, rest = membrane.faces, membrane.face_edges, membrane.rest_angles
-    normals, lengths, angles = scratch.area_vectors, scratch.lengths, scratch.angles
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        i, j, k = face_edges[f, 0], face_edges[f, 1], face_edges[f, 2]
-        ax, ay, az = x[c, 0] - x[b, 0], x[c, 1] - x[b, 1], x[c, 2] - x[b, 2]
-        bx, by, bz = x[a, 0] - x[c, 0], x[a, 1] - x[c, 1], x[a, 2] - x[c, 2]
-        cx, cy, cz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        nx, ny, nz = normals[f, 0], normals[f, 1], normals[f, 2]
-        factor = -0.5 * kb / (nx * nx + ny * ny + nz * nz)
-        pa = factor * (angles[i] - rest[i]) / lengths[i]
-        pb = factor * (angles[j] - rest[j]) / lengths[j]
-        pc = factor * (angles[k] - rest[k]) / lengths[k]
-        ab = (pa - pb) * (ax * bx + ay * by + az * bz)
-        bc = (pb - pc) * (bx * cx + by * cy + bz * cz)
-        ca = (pc - pa) * (cx * ax + cy * ay + cz * az)
-        force[a, 0] += (ab - ca) * nx
-        force[a, 1] += (ab - ca) * ny
-        force[a, 2] += (ab - ca) * nz
-        force[b, 0] += (bc - ab) * nx
-        force[b, 1] += (bc - ab) * ny
-        force[b, 2] += (bc - ab) * nz
-        force[c, 0] += (ca - bc) * nx
-        force[c, 1] += (ca - bc) * ny
-        force[c, 2] += (ca - bc) * nz
-
-
-@jit
-def add_face_forces(x, membrane, kal, tension, pressure, area_vectors, force):
-    """Add the forces of local area, of an isotropic tension, and of an inner pressure."""
-    faces, rest = membrane.faces, membrane.rest_areas
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        nx, ny, nz = area_vectors[f, 0], area_vectors[f, 1], area_vectors[f, 2]
-        area = sqrt(nx * nx + ny * ny + nz * nz)
-        gx = (x[a, 0] + x[b, 0] + x[c, 0]) / 3
-        gy = (x[a, 1] + x[b, 1] + x[c, 1]) / 3
-        gz = (x[a, 2] + x[b, 2] + x[c, 2]) / 3
-        ax, ay, az = gx - x[a, 0], gy - x[a, 1], gz - x[a, 2]
-        bx, by, bz = gx - x[b, 0], gy - x[b, 1], gz - x[b, 2]
-        cx, cy, cz = gx - x[c, 0], gy - x[c, 1], gz - x[c, 2]
-        spread = ax * ax + ay * ay + az * az + bx * bx + by * by + bz * bz
-        spread += cx * cx + cy * cy + cz * cz
-        pull = (kal * (area - rest[f]) + tension * area) / spread
-        nx *= pressure / 3
-        ny *= pressure / 3
-        nz *= pressure / 3
-        force[a, 0] += pull * ax + nx
-        force[a, 1] += pull * ay + ny
-        force[a, 2] += pull * az + nz
-        force[b, 0] += pull * bx + nx
-        force[b, 1] += pull * by + ny
-        force[b, 2] += pull * bz + nz
-        force[c, 0] += pull * cx + nx
-        force[c, 1] += pull * cy + ny
-        force[c, 2] += pull * cz + nz
-
-
-@jit
-def measure_faces(x, faces, area_vectors):
-    """Total area and volume; fills area_vectors (F, 3), the outward normal times the area."""
-    ox, oy, oz = x[0, 0], x[0, 1], x[0, 2]
+@restrict
+def measure_faces(x, scratch):
+    """Total area and volume; fills sides, normals and areas of scratch."""
+    ax, ay, az, bx, by, bz, cx, cy, cz = scratch.sides
+    nx, ny, nz = scratch.normals
+    areas = scratch.areas
+    first, second, third = scratch.corner_vertex
+    x = x.reshape(x.size)
+    ox, oy, oz = x[0], x[1], x[2]
     area = 0.0
     volume = 0.0
-    for f in range(faces.shape[0]):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ax, ay, az = x[a, 0], x[a, 1], x[a, 2]
-        bx, by, bz = x[b, 0] - ax, x[b, 1] - ay, x[b, 2] - az
-        cx, cy, cz = x[c, 0] - ax, x[c, 1] - ay, x[c, 2] - az
-        nx = 0.5 * (by * cz - bz * cy)
-        ny = 0.5 * (bz * cx - bx * cz)
-        nz = 0.5 * (bx * cy - by * cx)
-        area_vectors[f, 0] = nx
-        area_vectors[f, 1] = ny
-        area_vectors[f, 2] = nz
-        area += sqrt(nx * nx + ny * ny + nz * nz)
-        volume += ((ax - ox) * nx + (ay - oy) * ny + (az - oz) * nz) / 3
-    return area, volume
+    for f in range(len(areas)):
+        a, b, c = first[f], second[f], third[f]
+        px, py, pz = x[a], x[a + 1], x[a + 2]
+        ux, uy, uz = x[b] - px, x[b + 1] - py, x[b + 2] - pz
+        vx, vy, vz = px - x[c], py - x[c + 1], pz - x[c + 2]
+        mx = 0.5 * (uz * vy - uy * vz)
+        my = 0.5 * (ux * vz - uz * vx)
+        mz = 0.5 * (uy * vx - ux * vy)
+        size = sqrt(mx * mx + my * my + mz * mz)
+        ax[f], ay[f], az[f] = -ux - vx, -uy - vy, -uz - vz
+        bx[f], by[f], bz[f] = vx, vy, vz
+        cx[f], cy[f], cz[f] = ux, uy, uz
+        nx[f], ny[f], nz[f] = mx, my, mz
+        areas[f] = size
+        area += size
+        volume += (px - ox) * mx + (py - oy) * my + (pz - oz) * mz
+    return area, volume / 3
 
 
-@jit
-def measure_edges(x, edges, edge_faces, scratch):
-    """Fill lengths (E) and angles (E) in [−π, π], from the area vectors in scratch.
+@restrict
+def measure_edges(x, scratch):
+    """Fill directions, lengths and angles (E) in [−π, π], from the normals in scratch.
 
-    The second loop is atan2 in a form that vectorises: tan φ/8 by halving the angle twice from
-    tan φ/2, then the series of the inverse tangent, good to rounding for |tan φ/8| ≤ √2 − 1.
+    The angle is atan2 in a form that vectorises: tan φ/4, for an angle beyond π/2 that of its
+    supplement, by halving twice, then the series of the inverse tangent, good to rounding for
+    |tan φ/4| ≤ √2 − 1.
     """
-    normals, lengths = scratch.area_vectors, scratch.lengths
-    angles, cosines = scratch.angles, scratch.cosines
-    for e in range(edges.shape[0]):
-        a, b, f, g = edges[e, 0], edges[e, 1], edge_faces[e, 0], edge_faces[e, 1]
-        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        nx, ny, nz = normals[f, 0], normals[f, 1], normals[f, 2]
-        mx, my, mz = normals[g, 0], normals[g, 1], normals[g, 2]
-        length = sqrt(dx * dx + dy * dy + dz * dz)
-        sine = (ny * mz - nz * my) * dx + (nz * mx - nx * mz) * dy + (nx * my - ny * mx) * dz
-        lengths[e] = length
-        angles[e] = sine / length
-        cosines[e] = nx * mx + ny * my + nz * mz
-    for e in range(edges.shape[0]):
-        sine, cosine = angles[e], cosines[e]
+    nx, ny, nz = scratch.normals
+    dx, dy, dz = scratch.directions
+    lengths, angles = scratch.lengths, scratch.angles
+    first, second = scratch.edge_vertex
+    right, left = scratch.edge_face
+    x = x.reshape(x.size)
+    for e in range(len(lengths)):
+        a, b, f, g = first[e], second[e], right[e], left[e]
+        ux, uy, uz = x[b] - x[a], x[b + 1] - x[a + 1], x[b + 2] - x[a + 2]
+        px, py, pz, qx, qy, qz = nx[f], ny[f], nz[f], nx[g], ny[g], nz[g]
+        length = sqrt(ux * ux + uy * uy + uz * uz)
+        sine = (py * qz - pz * qy) * ux + (pz * qx - px * qz) * uy + (px * qy - py * qx) * uz
+        cosine = length * (px * qx + py * qy + pz * qz)
         radius = sqrt(sine * sine + cosine * cosine)
-        across = sine if cosine > 0 else copysign(radius - cosine, sine)
-        along = radius + cosine if cosine > 0 else abs(sine)
-        t = across / (along + sqrt(along * along + across * across))
-        t /= 1 + sqrt(1 + t * t)
+        along = radius + abs(cosine)
+        t = sine / (along + sqrt(2 * radius * along))
+        u = t * t
         series = 0.0
         for k in range(ARCTAN_TERMS - 1, -1, -1):
-            series = 1 / (2 * k + 1) - t * t * series
-        angles[e] = 8 * t * series
+            series = 1 / (2 * k + 1) - u * series
+        angle = 4 * t * series
+        dx[e], dy[e], dz[e] = ux, uy, uz
+        lengths[e] = length
+        angles[e] = angle if cosine > 0 else copysign(pi, sine) - angle
+
+
+@restrict
+def tense_edges(v, membrane, moduli, scratch):
+    """Fill pulls and twists (E): the part of each of the two faces in stretching and viscosity,
+    as a factor of the edge's direction, and k_b (φ − φ₀)/L.
+
+    κ of an edge in terms of L and L₀: √(L L₀) (L³ + L₀³)/(L⁴ + L₀⁴).
+    """
+    rest, flat = membrane.rest_lengths, membrane.rest_angles
+    dx, dy, dz = scratch.directions
+    lengths, angles, pulls, twists = scratch.lengths, scratch.angles, scratch.pulls, scratch.twists
+    ks, kvisc, kb = 0.5 * moduli.ks, 0.5 * moduli.kvisc, moduli.kb
+    first, second = scratch.edge_vertex
+    v = v.reshape(v.size)
+    for e in range(len(lengths)):
+        a, b = first[e], second[e]
+        along = (v[b] - v[a]) * dx[e] + (v[b + 1] - v[a + 1]) * dy[e]
+        along += (v[b + 2] - v[a + 2]) * dz[e]
+        now, r = lengths[e], rest[e]
+        now3, r3 = now * now * now, r * r * r
+        sum4 = now3 * now + r3 * r
+        inverse = 1 / (sum4 * now * now)
+        pull = ks * sqrt(now * r) * (now3 + r3) * (now - r) * now
+        pulls[e] = (pull + kvisc * along * sum4) * inverse
+        twists[e] = kb * (angles[e] - flat[e]) * (sum4 * now * inverse)
+
+
+@restrict
+def load_corners(membrane, kal, tension, pressure, scratch):
+    """Fill corners: the forces of each face, and of its sides, on its vertices.
+
+    Local area, isotropic tension and inner pressure; from the sides pulls and bending. In a face
+    of normal n̂, ∇φ of an edge is −n̂/h at the vertex h above it, with the reaction shared by the
+    lever rule between the edge's ends. Summed over the edges of a face, p_i = k_b (φ − φ₀)/L of
+    the edge opposite vertex i: the force on i is n̂/(2A) Σ_k (p_i − p_j) d_k over the other two
+    vertices j, k, where d_k is the dot product of the sides that meet in k.
+    """
+    ax, ay, az, bx, by, bz, cx, cy, cz = scratch.sides
+    nx, ny, nz = scratch.normals
+    fx, fy, fz = scratch.corners
+    rest, areas, pulls, twists = (
+        membrane.rest_areas, scratch.areas, scratch.pulls, scratch.twists
+    )  # fmt: skip
+    first, second, third = scratch.face_edge
+    for f in range(len(areas)):
+        i, j, k = first[f], second[f], third[f]
+        sax, say, saz, sbx, sby, sbz = ax[f], ay[f], az[f], bx[f], by[f], bz[f]
+        scx, scy, scz, mx, my, mz, area = cx[f], cy[f], cz[f], nx[f], ny[f], nz[f], areas[f]
+        dab = sax * sbx + say * sby + saz * sbz
+        dbc = sbx * scx + sby * scy + sbz * scz
+        dca = scx * sax + scy * say + scz * saz
+        # Σ|m|² is a third of the sum of the squared sides, and these add up to -2 (dab + dbc + dca)
+        area2, spread = area * area, -2 * (dab + dbc + dca)
+        inverse = 1 / (area2 * spread)
+        swell = (kal * (area - rest[f]) + tension * area) * area2 * inverse
+        factor = -0.5 * spread * inverse
+        pa, pb, pc = factor * twists[i], factor * twists[j], factor * twists[k]
+        ab, bc, ca = (pa - pb) * dab, (pb - pc) * dbc, (pc - pa) * dca
+        push = pressure / 3
+        na, nb, nc = ab - ca + push, bc - ab + push, ca - bc + push
+        pa, pb, pc = swell + pulls[i], swell + pulls[j], swell + pulls[k]
+        ux, uy, uz = pa * sax, pa * say, pa * saz
+        vx, vy, vz = pb * sbx, pb * sby, pb * sbz
+        wx, wy, wz = pc * scx, pc * scy, pc * scz
+        fx[3 * f], fx[3 * f + 1], fx[3 * f + 2] = (
+            wx - vx + na * mx, ux - wx + nb * mx, vx - ux + nc * mx
+        )  # fmt: skip
+        fy[3 * f], fy[3 * f + 1], fy[3 * f + 2] = (
+            wy - vy + na * my, uy - wy + nb * my, vy - uy + nc * my
+        )  # fmt: skip
+        fz[3 * f], fz[3 * f + 1], fz[3 * f + 2] = (
+            wz - vz + na * mz, uz - wz + nb * mz, vz - uz + nc * mz
+        )  # fmt: skip
+
+
+@restrict
+def collect_corners(scratch, force):
+    """Sum the corners that meet in each vertex, force (V, 3), overwritten."""
+    fx, fy, fz = scratch.corners
+    at = scratch.vertex_corner
+    force = force.reshape(force.size)
+    for v in range(at.shape[1]):
+        a, b, c, d, e, f = at[0, v], at[1, v], at[2, v], at[3, v], at[4, v], at[5, v]
+        force[3 * v] = fx[a] + fx[b] + fx[c] + fx[d] + fx[e] + fx[f]
+        force[3 * v + 1] = fy[a] + fy[b] + fy[c] + fy[d] + fy[e] + fy[f]
+        force[3 * v + 2] = fz[a] + fz[b] + fz[c] + fz[d] + fz[e] + fz[f]
+    for k in range(6, at.shape[0]):
+        for v in range(at.shape[1]):
+            force[3 * v] += fx[at[k, v]]
+            force[3 * v + 1] += fy[at[k, v]]
+            force[3 * v + 2] += fz[at[k, v]]
 
 
 @jit
@@ -348,8 +392,8 @@ def energies(x: np.ndarray, membrane: Membrane, moduli: Moduli) -> Energies:
 @jit
 def energy_terms(x, membrane, moduli, scratch):
     """Energies of stretching, bending, local area, global area and volume."""
-    area, volume = measure_faces(x, membrane.faces, scratch.area_vectors)
-    measure_edges(x, membrane.edges, membrane.edge_faces, scratch)
+    area, volume = measure_faces(x, scratch)
+    measure_edges(x, scratch)
     at_rest = stretching_integral(1.0)
     stretching = 0.0
     bending = 0.0
@@ -360,8 +404,7 @@ def energy_terms(x, membrane, moduli, scratch):
     local_area = 0.0
     for f in range(membrane.faces.shape[0]):
         rest = membrane.rest_areas[f]
-        n = scratch.area_vectors[f]
-        face_area = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        face_area = scratch.areas[f]
         local_area += face_area - rest - rest * log(face_area / rest)
     stretching *= moduli.ks
     if moduli.neo_hookean != 0 or moduli.skalak != 0:

@@ -116,6 +116,10 @@ CASES = {
         "Stiff sphere between bump and zigzag", "cell", "validation_cell.rigid_transition",
         "D_c = 1.4 G ε^0.48, Davis 2008",
     ),
+    "constriction-shape": Case(
+        "Cell in a constriction, channel inferred", "cell", "validation_cell.constriction_shape",
+        "source paper, table of the constriction validation",
+    ),
 }  # fmt: skip
 
 

@@ -234,9 +234,9 @@ def dihedral(x: np.ndarray) -> float:
     """Angle between the normals of two triangles that share the edge of the first two points."""
     faces = np.array([[0, 1, 2], [1, 0, 3]], np.int32)
     edge = np.array([[0, 1]], np.int32)
-    scratch = mb.Scratch(np.empty((2, 3)), np.empty(1), np.empty(1), np.empty(1))
-    mb.measure_faces(x, faces, scratch.area_vectors)
-    mb.measure_edges(x, edge, edge, scratch)
+    scratch = mb.make_scratch(mesh.Topology(faces, edge, edge, 0 * faces))
+    mb.measure_faces(x, scratch)
+    mb.measure_edges(x, scratch)
     return float(scratch.angles[0])
 
 

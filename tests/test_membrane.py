@@ -104,9 +104,9 @@ def test_angle_is_accurate_over_the_whole_circle(angle):
     d = [1.2 * np.cos(angle), 0.3, -1.2 * np.sin(angle)]
     x, faces = np.array([a, b, c, d]), np.array([[0, 1, 2], [1, 0, 3]], dtype=np.int32)
     edges, edge_faces = np.array([[0, 1]], np.int32), np.array([[0, 1]], np.int32)
-    scratch = mb.Scratch(np.empty((2, 3)), np.empty(1), np.empty(1), np.empty(1))
-    mb.measure_faces(x, faces, scratch.area_vectors)
-    mb.measure_edges(x, edges, edge_faces, scratch)
+    scratch = mb.make_scratch(mesh.Topology(faces, edges, edge_faces, 0 * faces))
+    mb.measure_faces(x, scratch)
+    mb.measure_edges(x, scratch)
     assert scratch.angles[0] == pytest.approx(angle, rel=5e-15, abs=1e-15)
 
 

@@ -32,7 +32,7 @@ def make_scene(stiffness=SET_5, edge_to_spacing=2.0, **numerics):
 def dense_matrices(scene):
     """Stiffness K and mobility W of all vertex components, column by column."""
     x, size = scene.body.x, scene.body.x.size
-    moduli = scene.moduli._replace(kv=0.0, kvisc=0.0)
+    moduli = scene.moduli._replace(kb=5 * scene.moduli.kb, kv=0.0, kvisc=0.0)
     locate(x, scene.domain, scene.stencil)
     stiffness, mobility = np.empty((size, size)), np.empty((size, size))
     ahead, behind, velocity = (np.empty_like(x) for _ in range(3))

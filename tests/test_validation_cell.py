@@ -1,9 +1,16 @@
 """The validation cases of a cell in a fluid, with stand-ins for the runs."""
 
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from dldsim import validation_cell
+from dldsim.errors import DldsimError
+from dldsim.reference import read_reference
 from dldsim.shear import ShearRun
+from dldsim.validation import run_case
+from dldsim.validation_cell import LAST_STEP, Passage, critical_interval, law_of_davis
 
 
 def test_capsules_are_compared_law_by_law(monkeypatch):
@@ -24,3 +31,90 @@ def test_capsules_are_compared_law_by_law(monkeypatch):
     assert sum(r.quantity == "inclination" for r in rows) == 2 * 9
     assert sum("extrapolated" in r.variant for r in rows) == 9 + 3
     assert sum("Huet" in r.variant for r in rows) == 10
+
+
+# ------------------------------------------------------------------------------ rigid transition
+
+
+def spheres_that_bump_from(critical, asked, monkeypatch):
+    """Stand-in for the runs: one diameter divides zigzag and bump."""
+
+    def passage(flow, diameter):
+        asked.append(diameter)
+        return Passage(diameter >= critical, 3, 0.05, 0.999)
+
+    monkeypatch.setattr(validation_cell, "sphere_passage", passage)
+
+
+def array(periodicity):
+    return SimpleNamespace(geometry=SimpleNamespace(periodicity=periodicity))
+
+
+@pytest.mark.parametrize("periodicity", [3, 10, 30])
+@pytest.mark.parametrize("share", [0.75, 0.999, 1.001, 1.3])
+def test_search_brackets_the_critical_diameter(monkeypatch, periodicity, share):
+    asked, critical = [], share * law_of_davis(periodicity)
+    spheres_that_bump_from(critical, asked, monkeypatch)
+    low, high, passages = critical_interval(array(periodicity))
+    assert low < critical <= high and high - low <= 1.01 * LAST_STEP
+    assert {low, high} <= set(asked) and len(passages) == len(asked) == len(set(asked))
+
+
+def test_transition_is_compared_with_law_and_bound(monkeypatch):
+    spheres_that_bump_from(0.5, [], monkeypatch)
+    monkeypatch.setattr(validation_cell, "sphere_flow", lambda n_p, pitch: array(n_p))
+    rows = run_case("rigid-transition")
+    marked = [row for row in rows if row["mark"] is not None]
+    assert len(marked) == len(validation_cell.TRANSITIONS) == len(rows) / 4
+    for row in marked:
+        assert row["value"] == pytest.approx(0.5, abs=LAST_STEP / 2)
+        assert row["reference"] == pytest.approx(1.4 * row["parameter"] ** -0.48)
+        assert "deformation up to 0.050" in row["note"] and "0.10%" in row["note"]
+    bounds = [r["reference"] for r in rows if r["quantity"].endswith("streamline bound")]
+    assert all(b < law_of_davis(r["parameter"]) for b, r in zip(bounds, marked, strict=True))
+
+
+def test_a_small_sphere_zigzags_and_a_large_one_bumps():
+    flow = validation_cell.sphere_flow(5, 20)
+    small, large = (validation_cell.sphere_passage(flow, d) for d in (0.5, 0.8))
+    assert (small.bumps, large.bumps) == (False, True)
+    assert max(small.rows, large.rows) <= 6
+    assert max(small.deformation, large.deformation) < 0.15
+    assert small.volume_ratio == pytest.approx(1, abs=0.01)
+
+
+# ---------------------------------------------------------------------------- constriction shape
+
+
+def passing(status="converged", shift=0.0):
+    """Stand-in for a run that passes the experiment's diameters, but for a factor 1 + shift."""
+
+    def simulate(*args, **kwargs):
+        rows = read_reference("constriction_diameters")
+        d, h = (np.array([row[f"diameter_{axis}_um"] for row in rows]) for axis in "dh")
+        between = np.array([[30.0], [6.0]])
+        d, h = (np.insert(v * (1 + shift), 2, between[i]) for i, v in enumerate((d, h)))
+        path = {"x_um": np.array([-30.0, -20, -9, 0, 30]), "diameter_d_um": d, "diameter_h_um": h}
+        return SimpleNamespace(row={"status": status, "stop_reason": "why"}, trajectory=path)
+
+    return simulate
+
+
+def test_positions_are_the_nearest_points_in_their_part_of_the_path(monkeypatch):
+    monkeypatch.setattr(validation_cell, "simulate_constriction", passing(shift=0.1))
+    rows = run_case("constriction-shape")
+    marked = [row for row in rows if row["mark"] is not None]
+    assert len(marked) == 8 * len(validation_cell.THROAT_NODES)
+    assert [row["passed"] for row in marked] == [True] * len(marked)
+    assert all(row["relative_error"] == pytest.approx(0.1) for row in rows)
+    assert [row["note"][:5] for row in rows[:8:2]] == ["-30.0", "-20.0", "+0.0 ", "+30.0"]
+    monkeypatch.setattr(validation_cell, "simulate_constriction", passing(shift=0.12))
+    assert not any(row["passed"] for row in run_case("constriction-shape"))
+
+
+def test_a_cell_that_does_not_pass_fails_the_case(monkeypatch):
+    monkeypatch.setattr(validation_cell, "simulate_constriction", passing("stuck"))
+    with pytest.raises(DldsimError, match="G7, throat 7 µm, height 16 µm: why"):
+        list(validation_cell.constriction_shape())
+    [row] = run_case("constriction-shape")
+    assert row["passed"] is False and "why" in row["note"]
