@@ -9,9 +9,12 @@ import os
 from pathlib import Path
 
 import numba
+import numpy as np
 from numba.core.codegen import get_host_cpu_features
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
+
+CACHE_LINE = 64  # bytes
 
 
 def _kernel_sources() -> list[Path]:
@@ -47,3 +50,11 @@ _options = {
 jit = numba.njit(**_options)
 restrict = numba.njit(**_options, noalias=True)
 """For kernels none of whose arrays overlap, unless they are only read."""
+
+
+def aligned_zeros(shape, dtype=np.float64) -> np.ndarray:
+    """Zeros that begin with a cache line: a vector that straddles two of them costs twice."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    memory = np.zeros(size + CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    return memory[start : start + size].view(dtype).reshape(shape)

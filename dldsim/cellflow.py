@@ -4,6 +4,7 @@ Order of a step: membrane and contact forces, spreading, streaming and collision
 motion. Fluid velocity and vertex positions belong to the same instant, half the force included.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -43,6 +44,13 @@ CONTACT_EXPONENT = 1.2
 CONTACT_STIFFEST = 1.0
 """Largest slope of the repulsion, lattice units: at most a quarter of what a leapfrog step bears
 on one vertex, whose kernel has at most half its weight squared on the nodes of a component."""
+STABLE_GAIN = 0.6
+"""Of dashpots or drag in one step, after the running mean: 0.7 held, 1.4 diverged."""
+LINGERING = 0.1
+"""The same part at most for kernels that feed staggered momentum, which answers every step."""
+ITERATIONS = 50
+STRAIN = 1e-5
+"""Displacement, in nodes, of the differences that stand for a stiffness."""
 CONTROL_INTERVAL = 20  # steps between corrections of the body force
 DAMPING_INTERVAL = 200  # steps between dampings of staggered momentum, each half a step of delay
 CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corrected
@@ -221,19 +229,53 @@ def deformation_index(extent_x, extent_y):
     return (a - b) / (a + b), a, b
 
 
-def velocity_blend(kvisc: float, viscosity: float, edge: float) -> float:
+def largest_gain(scene: "CellInFlow", push) -> float:
+    """Largest eigenvalue of W A, by power iteration, a few per cent too low.
+
+    ``push(mode, force)`` fills the forces (V, 3) that vertex displacements or velocities (V, 3)
+    cause, −A mode; W = J Jᵀ is the velocity that unit forces, spread to the fluid (Jᵀ), give back
+    to the vertices (J) within the step.
+    """
+    x, stencil = scene.body.x, scene.stencil
+    locate(x, scene.domain, stencil)
+    mode = np.random.default_rng(0).normal(size=x.shape)
+    force, answer = np.zeros_like(x), np.zeros_like(x)
+    density, nothing = np.zeros_like(scene.fluid.force), np.zeros_like(scene.fluid.force)
+    gain = 0.0
+    for _ in range(ITERATIONS):
+        mode *= STRAIN / np.linalg.norm(mode)
+        push(mode, force)
+        density[:] = 0
+        spread(force, stencil, density)
+        interpolate(density, nothing, 0.0, stencil, answer)
+        # Rayleigh quotient in the norm of A, in which W A is self-adjoint.
+        work = np.vdot(force, mode)
+        gain = -np.vdot(force, answer) / work if work else 0.0
+        mode[:] = answer
+    return float(gain)
+
+
+def velocity_blend(scene: "CellInFlow") -> float:
     """Part of the running mean of vertex velocities that each step replaces.
 
-    A force that answers the velocity of the last step (dashpots, drag of the dissipative coupling)
-    excites the lattice fluid at its shortest period, two steps, to which it responds strongly: a
-    drag of only 0.1 per step and vertex was seen to diverge. Forces act on a running mean instead.
-    Ten steps are short beside the time in which a cell moves by its radius (hundreds). A dashpot
-    that drives up to ``gain`` times the velocity it answers asks for a slower mean: 9 k_visc per
-    vertex, times the mobility 1/(2π μ √3/2 edge) of a sheet with forces alternating between
-    neighbours.
+    Dashpots (no-slip) or drag (dissipative) answer the velocity of the step before. Where that
+    changes the velocity by up to ``gain`` times itself within a step, the mean is that of the next
+    whole number of steps above gain/0.6; from twice that on it was seen to diverge.
     """
-    gain = 9 * kvisc / (2 * np.pi * viscosity * np.sqrt(0.75) * edge)
-    return min(0.1, 0.5 / (1 + gain))
+    body = scene.body
+    if scene.numerics.coupling == "dissipative":
+
+        def push(mode, force):
+            force[:] = -scene.friction * mode
+    elif scene.moduli.kvisc:
+        alone = Moduli(0.0, 0.0, 0.0, 0.0, 0.0, scene.moduli.kvisc)
+
+        def push(mode, force):
+            elastic_forces(body.x, mode, scene.membrane, alone, scene.scratch, force)
+    else:
+        return 1.0
+    largest = 1.0 if scene.numerics.kernel in EVEN_ODD else LINGERING
+    return min(largest, 1 / math.ceil(largest_gain(scene, push) / STABLE_GAIN))
 
 
 def volume_stiffness(kv: float, area: float, volume: float, viscosity: float) -> float:
@@ -351,8 +393,6 @@ class CellInFlow:
         gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
         self.drive = Drive(gain, np.asarray(target, float), lattice.nodes, lattice.cells)
         self._mean = np.zeros(2)
-        edge = self.membrane.rest_lengths.mean()
-        self.blend = velocity_blend(self.moduli.kvisc, units.viscosity_lu, edge)
         self.friction = units.friction(numerics.friction_nN_s_per_m) * self.density
         self.mass = vertex_mass(self.friction, self.moduli)
         self._centre = np.zeros(3)
@@ -377,6 +417,7 @@ class CellInFlow:
         locate(body.x, self.domain, self.stencil)
         interpolate(self.fluid.velocity, self.fluid.force, 0.0, self.stencil, body.v)
         body.smooth[:] = body.v
+        self.blend = velocity_blend(self)
 
     def advance(self, steps: int) -> None:
         """Advance by an even number of steps."""

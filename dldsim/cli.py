@@ -199,14 +199,14 @@ def run_validation(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
 
     names = check_cases(args.cases)
     if args.list:
-        cases = {name: CASES[name]._asdict() for name in names}
+        cases = {name: CASES[name]._asdict() for name in names if name in CASES}
         width = max(map(len, cases))
         lines = [f"{name:{width}}  {c['group']:8}  {c['title']}" for name, c in cases.items()]
         return cases, lines, 0
     rows = []
     with _progress() as progress:
         for name in names:
-            progress(f"{name}: {CASES[name].title}")
+            progress(f"{name}: {CASES[name].title}" if name in CASES else f"{name}: unknown")
             rows += run_case(name, progress)
     summary = {"cases": verdicts(rows), "rows": rows}
     if args.out:

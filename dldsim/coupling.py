@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dldsim._numba import jit, restrict
+from dldsim._numba import aligned_zeros, jit, restrict
 from dldsim.geometry import pillar_distance
 from dldsim.lattice import Lattice, neighbour
 
@@ -101,11 +101,11 @@ def make_stencil(vertices: int, kernel: str, dtype=np.float64) -> Stencil:
     m, n = POINTS[own], POINTS[across]
     columns, levels = (vertices, 2 * m * n + n * n), (vertices, m + n)
     return Stencil(
-        np.zeros(columns, np.uint32), np.zeros(columns, dtype),
-        np.zeros(levels, np.uint32), np.zeros(levels, dtype),
+        aligned_zeros(columns, np.uint32), aligned_zeros(columns, dtype),
+        aligned_zeros(levels, np.uint32), aligned_zeros(levels, dtype),
         own, across, tuple(range(m)), tuple(range(n)),
-        np.zeros((6, vertices)), np.zeros((6, 4, vertices), dtype),
-        np.zeros((5, vertices), np.uint32),
+        aligned_zeros((6, vertices)), aligned_zeros((6, 4, vertices), dtype),
+        aligned_zeros((5, vertices), np.uint32),
     )  # fmt: skip
 
 
@@ -238,7 +238,7 @@ def _multiply(domain, stencil):
             level_weight[v, n + q] = between[i] * weight[5, q, v]
 
 
-@jit
+@restrict
 def spread(force, stencil, field):
     """Add the vertex forces (V, 3) to the force density ``field`` (3 * stride,)."""
     stride = np.uint64(len(field)) // np.uint64(3)
@@ -260,7 +260,7 @@ def spread(force, stencil, field):
                 field[first + level[v, q]] += level_weight[v, q] * w
 
 
-@jit
+@restrict
 def interpolate(velocity, force, ahead, stencil, vertex_velocity):
     """Velocity (V, 3) of the fluid at the vertices, ``ahead`` steps after the present.
 

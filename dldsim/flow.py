@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from dldsim import PHYSICS_VERSION
-from dldsim._numba import jit
+from dldsim._numba import aligned_zeros, jit
 from dldsim.config import Flow, Geometry, Numerics
 from dldsim.errors import DldsimError
 from dldsim.geometry import ArrayLattice, make_array
@@ -48,11 +48,11 @@ class Fluid:
 
     def __post_init__(self):
         n = self.lattice.stride
-        self.f = np.zeros(20 * n, self.dtype)
-        self.f_new = np.zeros(20 * n, self.dtype)
-        self.force = np.zeros(3 * n, self.dtype)
-        self.velocity = np.zeros(3 * n, self.dtype)
-        self.buffer = np.zeros(22 * int(BLOCK), self.dtype)
+        self.f = aligned_zeros(20 * n, self.dtype)
+        self.f_new = aligned_zeros(20 * n, self.dtype)
+        self.force = aligned_zeros(3 * n, self.dtype)
+        self.velocity = aligned_zeros(3 * n, self.dtype)
+        self.buffer = aligned_zeros(20 * int(BLOCK), self.dtype)
         self.steps = 0
         self.set_body_force((0.0, 0.0, 0.0))
 

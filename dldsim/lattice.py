@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dldsim._numba import jit
+from dldsim._numba import jit, restrict
 from dldsim.errors import DldsimError
 
 # Opposite directions are neighbours: 1-2, 3-4, … 17-18.
@@ -34,36 +34,43 @@ OPPOSITE = np.array([0] + [q + 1 if q % 2 else q - 1 for q in range(1, 19)])
 MAGIC_PARAMETER = 3 / 16
 """Puts the wall of half-way bounce-back mid-link at any viscosity (Ginzburg et al. 2008)."""
 
-BLOCK = np.uint64(256)
-"""Nodes that are collided together; 22 rows of it stay in the first-level cache."""
+BLOCK = np.uint64(128)
+"""Nodes that are collided together; what a block reads and writes fits the first-level cache."""
+PIECE = np.uint64(16)
+LONG = np.uint64(32)
+"""Elements that are copied at once: loops of constant length need no remainder and no branch."""
 
-_Q = np.uint64(19)
-_ZERO, _ONE = np.uint64(0), np.uint64(1)
+_ONE = np.uint64(1)
 
 
 class Streaming(NamedTuple):
     """Where each population of the next step comes from; arrays are grouped by block.
 
-    ``copy_*``: runs (source element, buffer position, length). ``patch_*``: single elements, with
-    what a moving wall adds to them.
-    ``blend_*``: runs to which the weighted difference of two sources is added (interpolated
-    bounce-back). ``*_start``: first entry
-    of each block, one entry more than there are blocks.
+    ``*_start``: first entry of each block, one entry more than there are blocks; ``*_source``: in
+    the populations; ``*_target``: in the buffer.
+    ``short_*``, ``long_*``: copies of PIECE and LONG elements. Short ones come first and in order,
+    since they may go on beyond the end of a run, where another is written later.
+    ``patch_*``: single elements; ``blend_*``: elements to which the weighted difference of two
+    sources is added (interpolated bounce-back); ``push_*``: what a moving wall adds.
     """
 
-    copy_start: np.ndarray
-    copy_source: np.ndarray
-    copy_target: np.ndarray
-    copy_length: np.ndarray
-    blend_start: np.ndarray
-    blend_source: np.ndarray
-    blend_target: np.ndarray
-    blend_length: np.ndarray
-    blend_weight: np.ndarray
+    short_start: np.ndarray
+    short_source: np.ndarray
+    short_target: np.ndarray
+    long_start: np.ndarray
+    long_source: np.ndarray
+    long_target: np.ndarray
     patch_start: np.ndarray
     patch_source: np.ndarray
     patch_target: np.ndarray
-    patch_addend: np.ndarray
+    blend_start: np.ndarray
+    blend_source: np.ndarray
+    blend_less: np.ndarray
+    blend_target: np.ndarray
+    blend_weight: np.ndarray
+    push_start: np.ndarray
+    push_target: np.ndarray
+    push_addend: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -178,35 +185,36 @@ def make_lattice(
 
 
 def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
-    """Turn element-wise sources into runs, patches and blends, sorted by block.
+    """Turn element-wise sources into pieces, patches, blends and pushes, sorted by block.
 
     Per direction: ``runs`` source if columns went on for ever, ``exacts`` (source, addend of a
     moving wall), ``blends`` (source behind or -1, own source, weight) of the interpolation added.
     """
     node = np.arange(nodes)
-    new_block = node % block == 0
-    copy, blend, patch = [], [], []
+    short, long, patch, blend, push = [], [], [], [], []
     for q in range(19):
         target = q * block + node % block
-        first = new_block | (np.diff(runs[q], prepend=-2) != 1)
+        first = (node % block == 0) | (np.diff(runs[q], prepend=-2) != 1)
         start = np.nonzero(first)[0]
         length = np.diff(np.append(start, nodes))
-        copy.append((start // block, runs[q][start], target[start], length))
+        whole = length // int(LONG)
+        rest = -(-(length % int(LONG)) // int(PIECE))
+        for pieces, size, begin, count in (
+            (long, int(LONG), start, whole),
+            (short, int(PIECE), start + whole * int(LONG), rest),
+        ):
+            rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+            at = np.repeat(begin, count) + size * rank
+            pieces.append((at // block, runs[q][at], target[at]))
 
         exact, moving = exacts[q]
         odd = runs[q] != exact
-        patch.append((node[odd] // block, exact[odd], target[odd], moving[odd]))
-
+        patch.append((node[odd] // block, exact[odd], target[odd]))
+        odd = moving != 0
+        push.append((node[odd] // block, target[odd], moving[odd]))
         behind, own, weight = blends[q]
-        blended = behind >= 0
-        first = blended & (
-            new_block | (np.diff(behind, prepend=-2) != 1) | (np.diff(weight, prepend=-1) != 0)
-        )
-        start = np.nonzero(first)[0]
-        last = blended & np.append(first[1:] | ~blended[1:], True)
-        length = np.nonzero(last)[0] - start + 1
-        sources = np.stack([behind[start], own[start]], axis=1)
-        blend.append((start // block, sources, target[start], length, weight[start]))
+        odd = behind >= 0
+        blend.append((node[odd] // block, behind[odd], own[odd], target[odd], weight[odd]))
 
     blocks = -(-nodes // block)
 
@@ -214,30 +222,34 @@ def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
         columns = [np.concatenate(c) for c in zip(*entries, strict=True)]
         order = np.argsort(columns[0], kind="stable")
         start = np.searchsorted(columns[0][order], np.arange(blocks + 1))
-        return [start.astype(np.uint64)] + [c[order] for c in columns[1:]]
+        columns = [start] + [c[order] for c in columns[1:]]
+        return [c.astype(dtype if c.dtype.kind == "f" else np.uint32) for c in columns]
 
-    copy, blend, patch = by_block(copy), by_block(blend), by_block(patch)
-    index = [a.astype(np.uint64) for a in (*copy, *blend[:4], *patch[:3])]
-    return Streaming(*index[:8], blend[4].astype(dtype), *index[8:], patch[3].astype(dtype))
+    kinds = short, long, patch, blend, push
+    return Streaming(*(column for entries in kinds for column in by_block(entries)))
 
 
-@jit
+@restrict
 def _gather(block, f, s, buf):
     """Fill the buffer (19 rows of BLOCK) with the populations that arrive in one block."""
-    for e in range(s.copy_start[block], s.copy_start[block + _ONE]):
-        a, b = s.copy_source[e], s.copy_target[e]
-        for i in range(s.copy_length[e]):
+    for e in range(s.short_start[block], s.short_start[block + _ONE]):
+        a, b = np.uint64(s.short_source[e]), np.uint64(s.short_target[e])
+        for i in range(PIECE):
+            buf[b + i] = f[a + i]
+    for e in range(s.long_start[block], s.long_start[block + _ONE]):
+        a, b = np.uint64(s.long_source[e]), np.uint64(s.long_target[e])
+        for i in range(LONG):
             buf[b + i] = f[a + i]
     for e in range(s.patch_start[block], s.patch_start[block + _ONE]):
-        buf[s.patch_target[e]] = f[s.patch_source[e]] + s.patch_addend[e]
+        buf[s.patch_target[e]] = f[s.patch_source[e]]
+    for e in range(s.push_start[block], s.push_start[block + _ONE]):
+        buf[s.push_target[e]] += s.push_addend[e]
     for e in range(s.blend_start[block], s.blend_start[block + _ONE]):
-        a, a2, b = s.blend_source[e, 0], s.blend_source[e, 1], s.blend_target[e]
-        w = s.blend_weight[e]
-        for i in range(s.blend_length[e]):
-            buf[b + i] += w * (f[a + i] - f[a2 + i])
+        more = s.blend_weight[e] * (f[s.blend_source[e]] - f[s.blend_less[e]])
+        buf[s.blend_target[e]] += more
 
 
-_ROW = [np.uint64(q) * BLOCK for q in range(22)]
+_ROW = [np.uint64(q) * BLOCK for q in range(19)]
 (
     _R1,
     _R2,
@@ -257,28 +269,28 @@ _ROW = [np.uint64(q) * BLOCK for q in range(22)]
     _R16,
     _R17,
     _R18,
-    _R19,
-    _R20,
-    _R21,
 ) = _ROW[1:]
 
 
-@jit
-def _collide(buf, parameters, inertia):
+@restrict
+def _collide(buf, first, force, velocity, parameters, inertia):
     """Collide BLOCK nodes in the buffer: two relaxation times, force after Guo et al. (2002).
 
-    Rows 0 to 18 of ``buf``: populations, replaced by those after collision. Rows 19 to 21: force
-    density on the node beside the uniform one, replaced by the velocity (half the force included).
-    Velocity is momentum over the reference density, as in He & Luo (1997), so that a steady flow is
-    solenoidal whatever its pressure. Without ``inertia`` the equilibrium is linear, which gives the
-    unsteady Stokes equations; with it, Navier-Stokes. Written out over the stencil so that the
-    compiler turns it into straight vector code; the tests hold its loop form.
+    ``buf``: 19 rows of populations, replaced by those after collision. From node ``first`` on:
+    ``force``, 3 rows, force density on the node beside the uniform one; ``velocity``, 3 rows,
+    filled, half the force included. Velocity is momentum over the reference density, as in He & Luo
+    (1997), so that a steady flow is solenoidal whatever its pressure. Without ``inertia`` the
+    equilibrium is linear, which gives the unsteady Stokes equations; with it, Navier-Stokes.
+    Written out over the stencil so that the compiler turns it into straight vector code; the tests
+    hold its loop form.
     """
     omega_plus, omega_minus = parameters[0], parameters[1]
     force_plus, force_minus = parameters[2], parameters[3]
     bodyx, bodyy, bodyz = parameters[4], parameters[5], parameters[6]
     w0, w1, w2 = parameters[7], parameters[8], parameters[9]
     zero, half, three, nine = parameters[10], parameters[11], parameters[12], parameters[13]
+    forcex, forcey, forcez = force
+    ux, uy, uz = velocity
     for i in range(BLOCK):
         f0 = buf[i]
         f1 = buf[i + _R1]
@@ -320,13 +332,13 @@ def _collide(buf, parameters, inertia):
             + f17
             + f18
         )
-        Fx = buf[i + _R19] + bodyx
+        Fx = forcex[first + i] + bodyx
         jx = f1 + f7 + f9 + f11 + f13 - f2 - f8 - f10 - f12 - f14 + half * Fx
         gx = omega_minus * jx + force_minus * Fx
-        Fy = buf[i + _R20] + bodyy
+        Fy = forcey[first + i] + bodyy
         jy = f3 + f7 + f10 + f15 + f17 - f4 - f8 - f9 - f16 - f18 + half * Fy
         gy = omega_minus * jy + force_minus * Fy
-        Fz = buf[i + _R21] + bodyz
+        Fz = forcez[first + i] + bodyz
         jz = f5 + f11 + f14 + f15 + f18 - f6 - f12 - f13 - f16 - f17 + half * Fz
         gz = omega_minus * jz + force_minus * Fz
         if inertia:
@@ -395,9 +407,9 @@ def _collide(buf, parameters, inertia):
         odd = half * omega_minus * (f17 - f18) - three * w2 * (gy - gz)
         buf[i + _R17] = f17 - even - odd
         buf[i + _R18] = f18 - even + odd
-        buf[i + _R19] = jx
-        buf[i + _R20] = jy
-        buf[i + _R21] = jz
+        ux[first + i] = jx
+        uy[first + i] = jy
+        uz[first + i] = jz
 
 
 def collision_parameters(
@@ -427,31 +439,36 @@ def viscosity(relaxation_time: float) -> float:
     return (relaxation_time - 0.5) / 3
 
 
+@restrict
+def _put(buf, first, f_new):
+    """Write the populations of the buffer to ``f_new`` from node ``first`` on."""
+    stride = np.uint64(len(f_new)) // np.uint64(20)
+    for q in range(np.uint64(19)):
+        a, b = q * stride + first, q * BLOCK
+        for i in range(BLOCK):
+            f_new[a + i] = buf[b + i]
+
+
+@jit
+def _components(field):
+    """The rows of a vector field, as arrays of their own."""
+    n = len(field) // 3
+    return field[:n], field[n : 2 * n], field[2 * n :]
+
+
 @jit
 def stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf):
     """One time step from populations ``f`` (after collision) to ``f_new``.
 
     ``f``, ``f_new`` (20 * stride,), of which the last stride is padding; ``force``, ``velocity``
     (3 * stride,): force density beside the uniform one, and the velocity that belongs to the
-    state between streaming and collision; ``buf`` (22 * BLOCK,).
+    state between streaming and collision; ``buf`` (20 * BLOCK,).
     """
-    stride = np.uint64(len(force)) // np.uint64(3)
-    for block in range(np.uint64(len(streaming.copy_start)) - _ONE):
-        first = block * BLOCK
+    forces, velocities = _components(force), _components(velocity)
+    for block in range(np.uint64(len(streaming.patch_start)) - _ONE):
         _gather(block, f, streaming, buf)
-        for d in range(np.uint64(3)):
-            a, b = d * stride + first, (_Q + d) * BLOCK
-            for i in range(BLOCK):
-                buf[b + i] = force[a + i]
-        _collide(buf, parameters, inertia)
-        for q in range(_Q):
-            a, b = q * stride + first, q * BLOCK
-            for i in range(BLOCK):
-                f_new[a + i] = buf[b + i]
-        for d in range(np.uint64(3)):
-            a, b = d * stride + first, (_Q + d) * BLOCK
-            for i in range(BLOCK):
-                velocity[a + i] = buf[b + i]
+        _collide(buf, block * BLOCK, forces, velocities, parameters, inertia)
+        _put(buf, block * BLOCK, f_new)
 
 
 @jit

@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dldsim import mesh
-from dldsim._numba import jit, restrict
+from dldsim._numba import aligned_zeros, jit, restrict
 from dldsim.errors import DldsimError
 from dldsim.finite_element import add_neo_hookean_forces, add_skalak_forces, in_plane_energy
 
@@ -136,7 +136,7 @@ def make_scratch(membrane: Membrane | mesh.Topology) -> Scratch:
         return tuple(np.ascontiguousarray(c, np.uint32) for c in np.transpose(table))
 
     def zeros(count, length):
-        return tuple(np.zeros(length) for _ in range(count))
+        return tuple(aligned_zeros(length) for _ in range(count))
 
     corner = np.argsort(faces, axis=None, kind="stable")
     vertex = faces.ravel()[corner]

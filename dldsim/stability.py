@@ -1,27 +1,27 @@
 """What the explicit step of a scene can carry, known before it runs, and the step that suits it.
 
 Leapfrog moves a vertex with the momentum that its force has just changed. An elastic mode then has
-ω² = λ(W K), with the stiffness K of the membrane and W = J Jᵀ, the velocity that a unit force,
-spread to the fluid (Jᵀ), gives back to the vertices (J) within the step; undamped leapfrog bears
-ω² < 4. A fluid that is itself an explicit, compressible oscillator bears less, and how much depends
-on its viscosity: THRESHOLDS, measured. Every margin here is in proportion to the velocity in
-lattice units, that is, to the time step.
+ω² = λ(W K), with the stiffness K of the membrane and what a force gives back to the vertices within
+the step, W (see `cellflow.largest_gain`); undamped leapfrog bears ω² < 4. A fluid that is itself an
+explicit, compressible oscillator bears less, and how much depends on its viscosity: THRESHOLDS,
+measured. Every margin here is in proportion to the velocity in lattice units, that is, to the time
+step.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from dldsim.cellflow import CellInFlow
+from dldsim.cellflow import CellInFlow, largest_gain
 from dldsim.config import Numerics
-from dldsim.coupling import EVEN_ODD, interpolate, locate, spread
+from dldsim.coupling import EVEN_ODD
 from dldsim.membrane import elastic_forces
 
 THRESHOLDS = {0.55: 0.39, 0.65: 0.87, 0.8: 1.44, 1.25: 2.0, 2.0: 1.78, 3.0: 1.44, 5.0: 0.9}
 """Largest ω² that held at a relaxation time, even-odd kernels: see `stability_sweep`."""
 SAFETY = 0.5
-"""Share of the threshold that counts as safe: a deformed network of springs was seen up to 1.4 times
-as stiff as at rest."""
+"""Share of the threshold that counts as safe: a deformed network of springs was seen up to 1.4
+times as stiff as at rest."""
 BENDING_GROWTH = 5.0
 """Factor on k_b in the prediction: hinges of triangles that a deformation has flattened are stiffer
 by the square of the height lost; factors of 2 to 4 were seen, rarely 10."""
@@ -31,9 +31,6 @@ LARGEST_LAG = 0.1
 """Of the running mean on which dashpots act, in times in which the cell moves by its radius."""
 LARGEST_SPEED = 0.2
 """Of the fluid at release; a cell in a gap has been seen to raise it by 1.7."""
-ITERATIONS = 50
-STRAIN = 1e-5
-"""Displacement, in nodes, of the difference that stands for the stiffness."""
 
 
 class Margins(NamedTuple):
@@ -51,30 +48,21 @@ class Margins(NamedTuple):
 
 
 def elastic_frequency(scene: CellInFlow) -> float:
-    """ω² of the stiffest elastic mode, hinges stiffened, lattice units; by power iteration, a few per cent too low.
+    """ω² of the stiffest elastic mode, hinges stiffened, lattice units.
 
     The volume term, a single mode, has its own limit (`cellflow.volume_stiffness`).
     """
-    x, stencil, force = scene.body.x, scene.stencil, scene.fluid.force
-    moduli = scene.moduli._replace(
-        kb=BENDING_GROWTH * scene.moduli.kb, kv=0.0, kvisc=0.0
-    )
-    locate(x, scene.domain, stencil)
-    ahead, behind, still, answer = (np.zeros_like(x) for _ in range(4))
-    density, nothing = np.zeros(len(force)), np.zeros(len(force))
-    mode = np.random.default_rng(0).normal(size=x.shape)
-    for _ in range(ITERATIONS):
-        mode *= STRAIN / np.linalg.norm(mode)
-        elastic_forces(x + mode, still, scene.membrane, moduli, scene.scratch, ahead)
+    x = scene.body.x
+    moduli = scene.moduli._replace(kb=BENDING_GROWTH * scene.moduli.kb, kv=0.0, kvisc=0.0)
+    still, behind = np.zeros_like(x), np.zeros_like(x)
+
+    def push(mode, force):
+        elastic_forces(x + mode, still, scene.membrane, moduli, scene.scratch, force)
         elastic_forces(x - mode, still, scene.membrane, moduli, scene.scratch, behind)
-        push = (behind - ahead) / 2
-        density[:] = 0
-        spread(push, stencil, density)
-        interpolate(density, nothing, 0.0, stencil, answer)
-        # Rayleigh quotient in the energy norm, in which W K is self-adjoint.
-        frequency = np.vdot(push, answer) / np.vdot(push, mode)
-        mode[:] = answer
-    return float(frequency)
+        force -= behind
+        force /= 2
+
+    return largest_gain(scene, push)
 
 
 def frequency_limit(relaxation_time: float, kernel: str) -> float:

@@ -292,20 +292,25 @@ def draw_transition(validation: pd.DataFrame) -> Figure:
     bound = table[table["quantity"] == "critical diameter beside streamline bound"]
     bound = bound.sort_values("parameter").drop_duplicates("parameter")
     panel.plot(1 / bound["parameter"], bound["reference"], "--", color=GREY, marker="_")
-    colours = shades_of(table["resolution"], top=0.8)
+    colours = shades_of(table["resolution"].dropna(), top=0.8)
+    extrapolated = table[table["variant"] == "extrapolated"]
+    panel.plot(1 / extrapolated["parameter"], extrapolated["value"], "x", color="black")
     parts = {name: part.set_index(["parameter", "resolution"])
-             for name, part in table.groupby("quantity")}  # fmt: skip
+             for name, part in table.drop(extrapolated.index).groupby("quantity")}  # fmt: skip
+    beside = {resolution: 0.003 * n for n, resolution in enumerate(colours)}
     for (periodicity, resolution), row in parts["critical diameter"].iterrows():
         low, high = (parts[name].loc[(periodicity, resolution), "value"] for name in (
             "largest diameter that zigzags", "smallest diameter that bumps"))
         panel.errorbar(
-            1 / periodicity, row["value"], [[row["value"] - low], [high - row["value"]]], fmt="o",
-            color=colours[resolution], capsize=3, linewidth=1.2,
+            1 / periodicity + beside[resolution], row["value"],
+            [[row["value"] - low], [high - row["value"]]], fmt="o", markersize=2.5,
+            color=colours[resolution], capsize=4, linewidth=1.2,
         )  # fmt: skip
     panel.set(xlabel="row-shift fraction ε = 1/N$_p$", ylabel="critical diameter / gap",
               xlim=(0.04, 0.26), ylim=(0, None))  # fmt: skip
     legend(figure, [
         *(key(c, "o", label=f"stiff sphere, {r:g} nodes per gap") for r, c in colours.items()),
+        key("black", "x", label="extrapolated"),
         key("black", line="-", label="1.4 ε$^{0.48}$ (shade: ±10 %)"),
         key(GREY, line="--", label="point-like follower"),
     ], ncols=3)  # fmt: skip
@@ -323,11 +328,12 @@ def draw_constriction_shape(validation: pd.DataFrame) -> Figure:
     for panel, name in zip(panels, ("D", "H"), strict=True):
         part = table[table["quantity"].str.startswith(f"diameter {name}")]
         seen = part.drop_duplicates("parameter")
-        panel.errorbar(seen["parameter"], seen["reference"], 0.1125 * seen["reference"], fmt="s",
-                       color="black", markerfacecolor="white", capsize=4, markersize=7, linewidth=1)
-        for variant, of_variant in part.groupby("variant", sort=False):
-            panel.plot(of_variant["parameter"], of_variant["value"], "o", markersize=4,
-                       color=colours[variant])
+        bar = table["mark"].max() * seen["reference"]
+        panel.errorbar(seen["parameter"], seen["reference"], bar, fmt="s", color="black",
+                       markerfacecolor="white", capsize=4, markersize=6, linewidth=1)
+        for n, (variant, of_variant) in enumerate(part.groupby("variant", sort=False)):
+            panel.plot(of_variant["parameter"] + 0.13 * (n + 1), of_variant["value"], "o",
+                       markersize=3.5, color=colours[variant])
         panel.set(xlabel="position", ylabel=f"{name} [µm]", xticks=[1, 2, 3, 4], ylim=(0, None))
     legend(figure, [key("black", "s", filled=False, label="experiment"),
                     *(key(c, "o", label=v) for v, c in colours.items())], ncols=2)

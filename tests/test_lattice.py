@@ -91,7 +91,7 @@ def test_stencil_is_isotropic_to_fourth_order():
 @pytest.mark.parametrize("collision", ["trt", "bgk"])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_collision_equals_its_loop_form(collision, inertia, dtype):
-    # 5 × 5 × 11 = 275 nodes fill one block and part of the next. Populations and forces are of
+    # 5 × 5 × 11 = 275 nodes fill two blocks and part of a third. Populations and forces are of
     # order 0.1, so that a step rounds to a few times 1e-17 and 1e-8 in the two precisions.
     lattice = make_lattice(np.zeros((5, 5), bool), 11, walls=False, dtype=np.dtype(dtype))
     fluid = make_fluid(lattice, 0.8, collision, inertia, dtype)
@@ -123,7 +123,7 @@ def test_collision_equals_its_loop_form(collision, inertia, dtype):
 @pytest.mark.parametrize("interpolated", [False, True], ids=["half-way", "interpolated"])
 @pytest.mark.parametrize("walls", [False, True], ids=["periodic", "plates"])
 def test_streaming_equals_its_loop_form(walls, interpolated):
-    # 29 nodes a column: columns straddle blocks of 256 nodes.
+    # 29 nodes a column: columns straddle blocks of 128 nodes.
     lattice, fraction = porous_box(walls, interpolated, nz=29)
     fluid = make_fluid(lattice)
     fluid.parameters = collision_parameters(np.inf, "bgk", (0, 0, 0), np.float64)  # no collision

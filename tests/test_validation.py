@@ -218,6 +218,25 @@ def test_command_lists_cases_and_refuses_unknown_ones(capsys):
     assert (code, text) == (2, "") and "Did you mean square-arrays?" in message
 
 
+def test_a_damaged_reference_and_an_unknown_name_leave_the_other_cases_alone(
+    references, capsys, tmp_path
+):
+    table = references / "constriction_diameters.csv"
+    table.write_text(table.read_text().replace("32.565", "32.5"))
+    misspelt, out = "constriction-shapes", tmp_path / "table.parquet"
+    (references / "duct_poiseuille.csv").unlink()
+    code, text, _ = call(
+        capsys, "validate", misspelt, "duct-poiseuille", "membrane-forces", "--out", out
+    )
+    assert code == 1
+    assert f"{misspelt!r} is unknown. Did you mean constriction-shape?" in text
+    assert "duct_poiseuille.csv cannot be read" in text
+    assert re.search(r"membrane-forces +passes +7 of 7", text)
+    assert len({row["case"] for row in read_rows("validation", out)}) == 3
+    with pytest.raises(DldsimError, match="has been altered"):
+        reference.read_reference("constriction_diameters")
+
+
 # ----------------------------------------------------------------------------- figures and rules
 
 

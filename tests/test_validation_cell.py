@@ -5,20 +5,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dldsim import validation_cell
+from dldsim import figures, validation_cell, validation_figures
 from dldsim.errors import DldsimError
 from dldsim.reference import read_reference
 from dldsim.shear import ShearRun
+from dldsim.tables import read_table, write_table
 from dldsim.validation import run_case
 from dldsim.validation_cell import LAST_STEP, Passage, critical_interval, law_of_davis
 
 
-def test_capsules_are_compared_law_by_law(monkeypatch):
-    def from_reference(law, ca, *, radius=6, **settings):
-        deformation = 0.4 * (1 + radius**-validation_cell.ORDER)
-        return ShearRun(deformation, 25.0, 0.0, None, 1.0, 1.1, 0.01, 1e-3, 9, 9, 9, 1.0)
+def steady_capsule(law, ca, *, radius=6, **settings):
+    """Stand-in for a run."""
+    deformation = 0.4 * (1 + radius**-validation_cell.ORDER)
+    return ShearRun(deformation, 25.0, 0.0, None, 1.0, 1.1, 0.01, 1e-3, 9, 9, 9, 1.0)
 
-    monkeypatch.setattr(validation_cell, "shear_run", from_reference)
+
+def test_capsules_are_compared_law_by_law(monkeypatch):
+    monkeypatch.setattr(validation_cell, "shear_run", steady_capsule)
     rows = list(validation_cell.capsule_in_shear())
     keys = {(r.quantity, r.variant, r.parameter, r.resolution) for r in rows}
     assert len(keys) == len(rows)
@@ -65,7 +68,9 @@ def test_transition_is_compared_with_law_and_bound(monkeypatch):
     monkeypatch.setattr(validation_cell, "sphere_flow", lambda n_p, pitch: array(n_p))
     rows = run_case("rigid-transition")
     marked = [row for row in rows if row["mark"] is not None]
-    assert len(marked) == len(validation_cell.TRANSITIONS) == len(rows) / 4
+    again = [row for row in rows if row["variant"] == "extrapolated"]
+    assert len(marked) == len(validation_cell.TRANSITIONS) == (len(rows) - len(again)) / 4
+    assert [row["parameter"] for row in again] == [5, 10]
     for row in marked:
         assert row["value"] == pytest.approx(0.5, abs=LAST_STEP / 2)
         assert row["reference"] == pytest.approx(1.4 * row["parameter"] ** -0.48)
@@ -118,3 +123,45 @@ def test_a_cell_that_does_not_pass_fails_the_case(monkeypatch):
         list(validation_cell.constriction_shape())
     [row] = run_case("constriction-shape")
     assert row["passed"] is False and "why" in row["note"]
+
+
+# --------------------------------------------------------------------------------------- figures
+
+
+@pytest.fixture
+def table(monkeypatch, tmp_path):
+    """Table `validation` of the three cases, with stand-ins for their runs."""
+    monkeypatch.setattr(validation_cell, "shear_run", steady_capsule)
+    monkeypatch.setattr(validation_cell, "simulate_constriction", passing(shift=0.02))
+    monkeypatch.setattr(validation_cell, "sphere_flow", lambda n_p, pitch: array(n_p))
+    spheres_that_bump_from(0.5, [], monkeypatch)
+    rows = [
+        row for name in ("capsule-in-shear", "rigid-transition", "constriction-shape")
+        for row in run_case(name)
+    ]  # fmt: skip
+    write_table("validation", rows, tmp_path / "t.parquet", {"config_hash": "x", "seed": None})
+    return read_table("validation", tmp_path / "t.parquet")
+
+
+def test_rows_of_capsules_are_told_apart(table):
+    rows = validation_figures.capsules(table)
+    assert set(rows["law"]) == set(validation_cell.SMALL_DEFORMATION)
+    counts = rows[rows["quantity"] == "Taylor deformation"]["kind"].value_counts()
+    assert counts["resolved"] == 2 * counts["extrapolated"] == 24
+    assert counts["published"] > 10 and counts["springs"] == 3 and counts["variant"] > 3
+
+
+def test_figures_show_the_table(table):
+    shape, *_ = validation_figures.draw_capsules(table).axes
+    assert shape.get_xlim()[0] < 0.01
+    [panel] = validation_figures.draw_transition(table).axes
+    dots = [line for line in panel.lines if line.get_marker() == "o"]
+    assert len(dots) == len(validation_cell.TRANSITIONS)
+    at, value = dots[0].get_data()
+    assert at[0] == pytest.approx(1 / validation_cell.TRANSITIONS[0][0], abs=0.01)
+    assert value[0] == pytest.approx(0.5, abs=LAST_STEP)
+    along, across = validation_figures.draw_constriction_shape(table).axes
+    assert (along.get_ylabel(), across.get_ylabel()) == ("D [µm]", "H [µm]")
+    for draw in ("capsules", "transition", "constriction_shape"):
+        figure = getattr(validation_figures, f"draw_{draw}")(table)
+        assert figures.render(figure, "png").startswith(b"\x89PNG")
