@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 import dldsim
-from dldsim import accuracy_figures, figures, validation_figures
+from dldsim import accuracy_figures, figures, stability_figures, stability_sweep, validation_figures
 from dldsim.accuracy import ANGLE, INDEX, SETTING, coverage
 from dldsim.campaign import settings_hash
 from dldsim.errors import DldsimError
@@ -43,6 +43,7 @@ TABLES = {
     "search_regret": ("search_regret.parquet", "search_regret"),
     "validation": ("validation.parquet", "validation"),
     "accuracy": ("accuracy.parquet", "accuracy"),
+    "stability": ("stability.parquet", "stability"),
     "sigma_num": ("sigma_num.parquet", "accuracy"),
     "sigma_num_runs": ("sigma_num_runs.parquet", "accuracy"),
 }
@@ -1010,6 +1011,56 @@ def _records(table: pd.DataFrame) -> list[dict]:
     return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
+def _stability(campaign: Campaign) -> str:
+    if "stability" not in campaign:
+        return campaign.absent("stability")
+    table = campaign["stability"]
+    found = stability_sweep.verdict(_records(table))
+    broken, least, largest = found["broken"], found["least_failing"], found["largest_running"]
+    sentences = [
+        f"{counted(found['points'], 'run')} of one cell each over two or three rows, with one "
+        "thing driven to an extreme.",
+        f"{counted(len(broken), 'run')} predicted safe blew up." if broken
+        else "None that was predicted safe blew up.",
+    ]
+    if least is not None:
+        sentences.append(
+            f"With the step as given, the smallest margin that blew up is {number(least)}"
+            + (f", the largest that ran {number(largest)}." if largest is not None else ".")
+        )
+    if found["refused"]:
+        sentences.append(
+            f"{counted(found['refused'], 'scene')} did not fit its place and was refused with a "
+            "message (listed below)."
+        )
+    parts = [
+        f"<p>{' '.join(sentences)} Measured; the margins are predictions made before each run "
+        "(<code>docs/validation.md</code>).</p>",
+        campaign.figure(
+            "stability_map", stability_figures.draw_map(table),
+            "Margin of every point, and what happened. Right of the line the step given is not "
+            "safe: filled markers ran with a shorter one. Measured.", ["stability"],
+        ),
+    ]
+    if table["family"].str.startswith("stiffness-").any():
+        parts.append(campaign.figure(
+            "stability_cost", stability_figures.draw_cost(table),
+            "Cost of stiff membranes: factor on the number of time steps. Measured.",
+            ["stability"],
+        ))
+    odd = table[(table["outcome"] != stability_sweep.RAN) & (table["time_step"] == "automatic")]
+    if len(odd):
+        parts.append(campaign.table(
+            {
+                "scene": _texts(odd["title"]), "point": _texts(odd["label"]),
+                "outcome": _texts(odd["outcome"]), "margin": _numbers(odd["margin"]),
+                "reason": _texts(odd["reason"]),
+            },
+            "Points that did not run with the automatic time step.", ["stability"],
+        ))
+    return "\n".join(parts)
+
+
 def _accuracy(campaign: Campaign) -> str:
     parts = ["<h3>Simulation: error against run time</h3>"]
     if "accuracy" not in campaign:
@@ -1245,6 +1296,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Campaign], str]], ...] = (
     ("numerics", "Numerics", _numerics),
     ("validation", "Validation", _validation),
     ("accuracy", "Accuracy", _accuracy),
+    ("stability", "Stability", _stability),
     ("runs", "All runs", _all_runs),
 )
 

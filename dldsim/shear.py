@@ -178,7 +178,8 @@ def _scene(
     )  # fmt: skip
     scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
     rest = scene.membrane
-    stiffest = volume_stiffness(math.inf, rest.rest_area, rest.rest_volume, scene.units.viscosity_lu)
+    nu = scene.units.viscosity_lu
+    stiffest = volume_stiffness(math.inf, rest.rest_area, rest.rest_volume, nu)
     scene.moduli = moduli._replace(kv=stiffest)
     if flat_rest_angles:
         scene.membrane = rest._replace(rest_angles=np.zeros_like(rest.rest_angles))

@@ -141,9 +141,10 @@ FAMILIES: dict[str, Family] = {
 
 
 def membranes(config: Config) -> dict[str, Stiffness]:
-    """The stiffness sets and the constriction groups' membranes, by name."""
+    """The stiffness sets, and the membranes of the constriction groups that are not one of them."""
+    sets = {f"set {name}": value for name, value in config.stiffness_sets.items()}
     groups = {name: group.stiffness for name, group in config.constriction_groups.items()}
-    return {f"set {name}": value for name, value in config.stiffness_sets.items()} | groups
+    return sets | {name: value for name, value in groups.items() if value not in sets.values()}
 
 
 def check_families(names: Iterable[str]) -> list[str]:

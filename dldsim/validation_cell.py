@@ -28,8 +28,8 @@ from dldsim.validation import Comparison
 RADII = 6, 9
 LAWS = {"NH": "neo-Hookean", "SK": "Skalak"}
 SMALL_CA = 0.01
-SMALL_DURATION = 0.6
-"""Strain times: sixty relaxation times of the shape and twelve times a²/ν or more."""
+SMALL = {"duration": 0.6, "reynolds_number": 0.05}
+"""Strain times, sixty relaxation times of the shape, and γ̇ a²/ν, so that they are twelve a²/ν."""
 SMALL_BENDING = 0.001
 """κ/(G_s a²) that keeps wrinkles down; in linear elasticity it lowers D by less than 1 %."""
 SMALL_DEFORMATION = {"neo-Hookean": 25 / 12, "Skalak": 25 / 12, "springs": 35 / 16}
@@ -68,7 +68,7 @@ def capsule_in_shear() -> Iterator[Comparison]:
     for law, ratio in SMALL_DEFORMATION.items():
         about = {"variant": f"{law}, small deformation", "source": BARTHES_BIESEL}
         yield from _convergence(
-            law, SMALL_CA, SMALL_BENDING, ratio * SMALL_CA, about, duration=SMALL_DURATION
+            law, SMALL_CA, SMALL_BENDING, ratio * SMALL_CA, about, settings=SMALL
         )
     finest = {}
     for row in read_reference("capsule_in_shear_boundary_integral"):
@@ -82,12 +82,12 @@ def capsule_in_shear() -> Iterator[Comparison]:
     yield from _variants({ca: d for (law, ca, b), (_, d) in finest.items() if b})
 
 
-def _convergence(law, ca, bending, reference, about, inclination=None, duration=None):
+def _convergence(law, ca, bending, reference, about, inclination=None, settings=None):
     """Rows at RADII and extrapolated; returns the finest run."""
     values = []
     about = {"parameter": ca, "parameter_of": CAPILLARY, **about}
     for radius in RADII:
-        run = shear_run(law, ca, bending=bending, radius=radius, duration=duration)
+        run = shear_run(law, ca, bending=bending, radius=radius, **(settings or {}))
         values.append(run.taylor_deformation)
         at = {**about, "resolution": radius, "resolution_of": RADIUS}
         note = f"drift {run.drift:+.4f}, volume {run.volume_ratio - 1:+.2%}, {run.steps} steps"

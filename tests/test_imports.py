@@ -17,7 +17,7 @@ FLOORS = [
     {"shear", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
      "validation_cell", "vtk"},
     {"statistics", "calibration", "surrogate", "design", "mask"},
-    {"figures", "validation_figures", "accuracy_figures", "report", "movie"},
+    {"figures", "validation_figures", "stability_figures", "accuracy_figures", "report", "movie"},
     {"export"},
     {"jobs"},
     {"cli"},

@@ -10,6 +10,7 @@ from snakemake.exceptions import WorkflowError
 from dldsim import PHYSICS_VERSION, accuracy, campaign
 from dldsim.config import CELL_NUMERICS, resolve
 from dldsim.errors import DldsimError
+from dldsim.stability_sweep import FAMILIES
 from dldsim.validation import CASES
 
 RESULTS = "results"
@@ -34,6 +35,7 @@ wildcard_constraints:
     constriction=r"[A-Za-z0-9-]+_\d+",
     variant=r"[A-Za-z0-9._-]+--[a-z_]+--\d+--\d+",
     case=r"[a-z-]+",
+    family=r"[a-z0-9-]+",
 
 
 def settings_of(*sections):
@@ -58,6 +60,10 @@ def run_settings(wildcards):
         **settings_of("cell", "flow", "numerics", "run_control"),
         "stiffness": stiffness.model_dump(mode="json"),
     }
+
+
+def stability_settings(wildcards):
+    return settings_of("cell", "flow", "numerics", "stiffness_sets", "constriction_groups")
 
 
 def accuracy_settings(wildcards):

@@ -17,6 +17,7 @@ rule report:
         rules.surrogate.output,
         made(rules.validation.output.table),
         made(rules.accuracy.output.table),
+        made(rules.stability.output.table),
     output:
         f"{RESULTS}/report.html",
     params:
