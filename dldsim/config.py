@@ -99,7 +99,7 @@ class Numerics(Section):
 
     spacing_um: float = Field(1.25, gt=0, description="largest lattice spacing wanted")
     velocity_lu: float = Field(0.025, gt=0, le=0.1, description="mean velocity in lattice units")
-    relaxation_time: float = Field(1.25, gt=0.5, le=5, description="τ of the shear stress")
+    relaxation_time: float = Field(1.25, gt=0.5, le=3, description="τ of the shear stress")
     collision: Literal["trt", "bgk"] = Field("trt", description="collision operator")
     inertia: Literal["stokes", "navier-stokes"] = Field(
         "stokes", description="equilibrium without or with the quadratic (convective) term"
@@ -283,6 +283,12 @@ class DesignRequest(Section):
     name: Name = Field(description="letters, digits and hyphens")
     deformation_index_1: Fraction | None = Field(None, description="of the first cell type")
     deformation_index_2: Fraction | None = Field(None, description="of the second cell type")
+    deformation_index_std_1: Annotated[float, Field(ge=0)] | None = Field(
+        None, description="spread among cells of the first type; default: the calibration's, or 0"
+    )
+    deformation_index_std_2: Annotated[float, Field(ge=0)] | None = Field(
+        None, description="spread among cells of the second type; default: the calibration's, or 0"
+    )
     stiffness_set_1: str | None = Field(None, description="instead of deformation_index_1")
     stiffness_set_2: str | None = Field(None, description="instead of deformation_index_2")
     radius_1_um: float = Field(7.5, gt=0, description="radius of the first cell type")
@@ -292,10 +298,32 @@ class DesignRequest(Section):
     periodicity: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(le=100)]] = Field(
         (4, 12), description="lowest and highest periodicity"
     )
+    objective: Literal["separation", "robust"] = Field(
+        "robust",
+        description="what is maximised: |Δθ| as predicted, or the |Δθ| that nine of ten draws "
+        "exceed with spread of the cells, error of the prediction and fabrication tolerance",
+    )
+    sampler: Literal["tpe", "grid"] = Field(
+        "tpe", description="Parzen estimator with so many trials, or every point of a grid"
+    )
     trials: int = Field(100, ge=1, description="trials of the search, 50 to 200 are typical")
     startup_trials: int = Field(20, ge=1, description="random trials before the model guides")
-    candidates: int = Field(5, ge=1, description="designs to report")
+    grid_steps: int = Field(17, ge=2, le=65, description="values of P_r and of P_g in the grid")
+    draws: int = Field(64, ge=8, le=4096, description="Monte Carlo draws of the robust objective")
+    candidates: int = Field(5, ge=1, description="candidates to report")
     tolerance_um: float = Field(0.5, ge=0, description="± on P_r and P_g in the tolerance analysis")
+    height_tolerance_um: float = Field(
+        1.0, ge=0, description="± on the channel height, which only a simulation can judge"
+    )
+    pillar_aspect_ratio_max: float = Field(
+        5.0, gt=0, description="largest height / diameter of a pillar that can be made"
+    )
+    lateral_separation_um: float = Field(
+        100.0, gt=0, description="distance of the two cell types wanted at the end of the array"
+    )
+    pressure_max_kPa: Annotated[float, Field(gt=0)] | None = Field(
+        None, description="largest pressure drop over the length which that takes; none: no limit"
+    )
 
     @field_validator("pillar_radius_um", "gap_um", "periodicity")
     @classmethod
@@ -312,14 +340,19 @@ class DesignRequest(Section):
                 raise ValueError(f"exactly one of deformation_index_{i} and stiffness_set_{i}")
         return self
 
-    def with_deformation_indices(self, by_set: Mapping[str, float]) -> "DesignRequest":
+    def with_deformation_indices(
+        self, by_set: Mapping[str, float], spread_by_set: Mapping[str, float] | None = None
+    ) -> "DesignRequest":
         """This request with stiffness sets replaced by their calibrated deformation indices.
 
-        Raises DldsimError if a set has no calibrated value.
+        A spread that is not given becomes the set's, or 0. Raises DldsimError if a set has no
+        calibrated value.
         """
         update: dict[str, Any] = {}
         for i in "12":
             name = getattr(self, f"stiffness_set_{i}")
+            if getattr(self, f"deformation_index_std_{i}") is None:
+                update[f"deformation_index_std_{i}"] = (spread_by_set or {}).get(name, 0.0)
             if name is None:
                 continue
             if by_set.get(name) is None:
@@ -330,6 +363,23 @@ class DesignRequest(Section):
                 )
             update |= {f"deformation_index_{i}": by_set[name], f"stiffness_set_{i}": None}
         return self.model_copy(update=update)
+
+
+class Verification(Section):
+    """How designs are checked by simulation, for each design request."""
+
+    rounds: int = Field(
+        2, ge=0, description="rounds of search, simulation and refit at most; 0: no verification"
+    )
+    designs_per_round: int = Field(2, ge=1, description="new designs simulated in a round")
+    transition_geometries: int = Field(
+        1, ge=0, description="arrays simulated in a round where the predicted mode changes"
+    )
+    height_runs: bool = Field(
+        True, description="simulate the best design at ± height_tolerance_um too"
+    )
+    exports: int = Field(1, ge=0, description="best verified designs whose files are written")
+    runs_max: int = Field(20, ge=2, description="runs at most")
 
 
 RunId = Annotated[
@@ -411,6 +461,7 @@ class Config(Section):
         min_length=1, description="stiffness groups of the calibration by name"
     )
     design_requests: list[DesignRequest] = Field([], description="separations to design for")
+    verification: Verification = Verification()
     device: Device = Device()
     accuracy: Accuracy = Accuracy()
 

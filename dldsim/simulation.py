@@ -13,7 +13,7 @@ from dldsim.config import CELL_NUMERICS, Cell, Flow, Geometry, Numerics, RunCont
 from dldsim.errors import DldsimError
 from dldsim.flow import EmptyFlow, Fluid, solve_empty_array
 from dldsim.geometry import ArrayLattice, make_array
-from dldsim.stability import bottleneck, describe, margins, refined, refinement
+from dldsim.stability import bottleneck, describe, incurable, margins, refined, refinement
 from dldsim.trajectory import Migration, analyse_path, row_crossings
 from dldsim.units import Units
 
@@ -101,10 +101,12 @@ def simulate_run(
     run_id: str,
     stiffness_set: str,
     empty_flow: EmptyFlow | None = None,
+    observe: Callable[[CellInFlow, Record], None] | None = None,
     progress: Progress = None,
 ) -> RunResult:
     """Carry one cell through the array until its motion repeats or ``control.max_rows`` are done.
 
+    ``observe`` is called after every sample that is recorded, with the scene as it is then.
     A cell that clogs or a run that leaves its stable range is a result with a status. Raises
     DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
     """
@@ -128,6 +130,9 @@ def simulate_run(
         scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
         if progress:
             progress(f"time step shortened by {factor:.3g}: {bottleneck(asked)}")
+    if progress:
+        for sentence in incurable(scene):
+            progress(f"this run may fail: {sentence}")
     units = scene.units
     record = Record(run_id, units, np.array([array.pitch, array.pitch, array.height]) / 2)
     row_steps = array.pitch / numerics.velocity_lu
@@ -138,8 +143,13 @@ def simulate_run(
     reporter = Reporter(progress, control.max_rows, array, scene)
     status = reason = None
     sample = scene.sample()
-    record.add(sample, scene.energies())
-    path.add(sample)
+    def keep() -> None:
+        record.add(sample, scene.energies())
+        path.add(sample)
+        if observe:
+            observe(scene, record)
+
+    keep()
     loop = time.perf_counter()
     while status is None:
         scene.advance(chunk)
@@ -148,8 +158,7 @@ def simulate_run(
         if trouble:
             status, reason = "unstable", f"{trouble} at step {scene.steps}; {REMEDY}"
             break
-        record.add(sample, scene.energies())
-        path.add(sample)
+        keep()
         if path.rows > len(lateral) - 1:
             lateral = path.crossings()
             result = analyse_path(
@@ -212,6 +221,7 @@ def simulate_run(
                 "release_axis": cell.axis,
                 "release_gap_fraction": cell.release_gap_fraction,
                 **describe(asked, factor),
+                "incurable": incurable(scene),
                 "inverted_faces_max": float(record.column("inverted").max()),
                 "start_up_s": round(loop - start, 3),
             }

@@ -15,9 +15,9 @@ import numpy as np
 from dldsim.cellflow import CellInFlow, largest_gain
 from dldsim.config import Numerics
 from dldsim.coupling import EVEN_ODD
-from dldsim.membrane import elastic_forces
+from dldsim.membrane import area_modulus, elastic_forces
 
-THRESHOLDS = {0.55: 0.39, 0.65: 0.87, 0.8: 1.44, 1.25: 2.0, 2.0: 1.78, 3.0: 1.44, 5.0: 0.9}
+THRESHOLDS = {0.52: 0.26, 0.55: 0.39, 0.65: 0.8, 0.8: 1.44, 1.25: 2.0, 2.0: 1.78, 3.0: 1.34}
 """Largest ω² that held at a relaxation time, even-odd kernels: see `stability_sweep`."""
 SAFETY = 0.5
 """Share of the threshold that counts as safe: a deformed network of springs was seen up to 1.4
@@ -31,6 +31,13 @@ LARGEST_LAG = 0.1
 """Of the running mean on which dashpots act, in times in which the cell moves by its radius."""
 LARGEST_SPEED = 0.2
 """Of the fluid at release; a cell in a gap has been seen to raise it by 1.7."""
+
+
+STIFFEST_HINGE = 5.0
+"""k_b over (k_s + k_α) edge²: hinges stiffer than that fold triangles up rather than bend."""
+LARGEST_TENSION = 0.1
+"""Viscous stress μU over area modulus K + k_ag/2: at 0.3 the flow tears cells to twice their area.
+"""
 
 
 class Margins(NamedTuple):
@@ -111,6 +118,22 @@ def bottleneck(given: Margins) -> str:
         "speed": "the fluid would be too fast",
     }
     return words[max(words, key=lambda name: getattr(given, name))]
+
+
+def incurable(scene: CellInFlow) -> list[str]:
+    """What no time step cures, as sentences; empty for a sound scene."""
+    moduli, units = scene.moduli, scene.units
+    found = []
+    if moduli.kv == 0:
+        found.append("without a volume term (k_v = 0) nothing answers what leaks through")
+    edge = scene.membrane.rest_lengths.mean()
+    springs = moduli.ks + moduli.kal
+    if moduli.kb > STIFFEST_HINGE * springs * edge**2:
+        found.append("hinges are much stiffer than springs: k_b is too large for k_s and k_α")
+    stretch = area_modulus(moduli.ks, moduli.kal, moduli.kag)
+    if units.viscosity_lu * units.velocity_lu > LARGEST_TENSION * stretch:
+        found.append("the flow stretches the membrane's area: μU is too large for K + k_ag/2")
+    return found
 
 
 def describe(given: Margins, factor: float) -> dict:

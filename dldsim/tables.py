@@ -415,7 +415,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
             _real("refinement", "1", "factor by which the time step was shortened"),
         ),
         _text("outcome", "ran, unstable, stuck or refused"),
-        _text("reason", "why it did not run"),
+        _text("reason", "why it did not run, or may not have"),
         *_nullable(
             _count("steps", "time steps"),
             _count("nodes", "fluid nodes"),

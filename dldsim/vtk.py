@@ -21,7 +21,7 @@ from dldsim.tables import atomic_path
 
 if TYPE_CHECKING:
     from dldsim.flow import EmptyFlow
-    from dldsim.simulation import Progress
+    from dldsim.simulation import Progress, RunResult
 
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 """Kinds of PolyData cells in the order of the specification."""
@@ -66,7 +66,7 @@ class Shapes:
         return float(np.linalg.norm(self.centre_um - path, axis=1).max())
 
 
-def record_shapes(
+def simulate_with_shapes(
     geometry: Geometry,
     stiffness: Stiffness,
     cell: Cell,
@@ -74,43 +74,39 @@ def record_shapes(
     numerics: Numerics,
     control: RunControl,
     *,
-    steps: int,
+    run_id: str,
+    stiffness_set: str,
     every: int = 1,
     empty_flow: "EmptyFlow | None" = None,
     progress: "Progress" = None,
-) -> Shapes:
-    """Repeat a run for ``steps`` steps (of its row) and keep every ``every``-th of its samples.
+) -> "tuple[RunResult, Shapes]":
+    """`simulate_run`, and the membrane at every ``every``-th sample of its trajectory.
 
-    Same release, flow and time loop as `simulate_run`, hence the same path to the last bit on the
-    same machine and numba; `Shapes.departure_um` tells. Raises DldsimError where that does.
+    Raises DldsimError where that does.
     """
-    from dldsim.flow import solve_empty_array
-    from dldsim.geometry import make_array
-    from dldsim.simulation import Record, _check_flow, make_scene
+    from dldsim.simulation import simulate_run
 
-    if empty_flow is None:
-        empty_flow = solve_empty_array(geometry, flow, numerics, progress)
-    _check_flow(empty_flow, geometry, flow, numerics)
-    array = make_array(geometry, flow, numerics)
-    scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
-    origin = np.array([array.pitch, array.pitch, array.height]) / 2
-    record = Record("", scene.units, origin)
-    points = []
-    chunk = 2 * max(1, round(array.pitch / numerics.velocity_lu / control.records_per_row / 2))
-    for n in range(steps // chunk + 1):
-        if n:
-            scene.advance(chunk)
-        sample = scene.sample()
-        if sample.trouble():
-            break
-        if n % every == 0:
-            record.add(sample, None)
-            points.append(((scene.body.x - origin) * array.spacing_um).astype(np.float32))
-    return Shapes(
-        geometry, array.height_um, cell.radius_um, record.column("step"),
-        record.column("step") * scene.units.time_step_us / 1e3, record.positions_um(),
-        np.stack(points), np.array(scene.membrane.faces, dtype=np.int32),
+    points, faces, records = [], [], []
+
+    def observe(scene, record) -> None:
+        if not records:
+            records.append(record)
+            faces.append(np.array(scene.membrane.faces, dtype=np.int32))
+        if (len(record.samples) - 1) % every == 0:
+            spacing = record.units.spacing_um
+            points.append(((scene.body.x - record.origin) * spacing).astype(np.float32))
+
+    result = simulate_run(
+        geometry, stiffness, cell, flow, numerics, control, run_id=run_id,
+        stiffness_set=stiffness_set, empty_flow=empty_flow, observe=observe, progress=progress,
     )  # fmt: skip
+    kept = {name: values[::every] for name, values in result.trajectory.items()}
+    shapes = Shapes(
+        geometry, json.loads(result.row["numerics"])["height_on_lattice_um"], cell.radius_um,
+        kept["step"], kept["t_ms"], np.column_stack([kept[f"{axis}_um"] for axis in "xyz"]),
+        np.stack(points), faces[0],
+    )  # fmt: skip
+    return result, shapes
 
 
 def write_vtkhdf(shapes: Shapes, path: Path, about: Mapping[str, Any]) -> None:

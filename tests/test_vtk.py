@@ -15,7 +15,7 @@ from dldsim.vtk import (
     Shapes,
     pillars_near,
     read_vtkhdf,
-    record_shapes,
+    simulate_with_shapes,
     write_pillars,
     write_vtkhdf,
 )
@@ -39,13 +39,14 @@ def run(empty):
     return simulate_run(*SCENE, CONTROL, run_id="r", stiffness_set="1", empty_flow=empty)
 
 
-def record(empty, run, **options):
-    return record_shapes(*SCENE, CONTROL, steps=run.row["steps"], empty_flow=empty, **options)
+def record(empty, **options):
+    return simulate_with_shapes(*SCENE, CONTROL, run_id="r", stiffness_set="1", empty_flow=empty,
+                                **options)
 
 
 @pytest.fixture(scope="module")
-def shapes(empty, run):
-    return record(empty, run)
+def shapes(empty):
+    return record(empty)[1]
 
 
 @pytest.fixture
