@@ -104,14 +104,15 @@ def control_force(velocity, drive, parameters, mean):
 @jit
 def advance_no_slip(
     start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, staggered, blend,
+    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, before, blend,
 ):  # fmt: skip
     """An even number of steps, from the even step ``start``, with vertices moving with the fluid
     (Peskin 2002).
 
     Leapfrog: a vertex moves with the velocity half a step ahead, which holds the whole force of
     the step. With that of the present, half the force, every elastic mode would grow by ω²/4 per
-    step but for viscosity. ``staggered``: the kernel feeds staggered momentum, which is damped.
+    step but for viscosity. ``before``: room for populations if the kernel feeds staggered momentum,
+    which is then damped, else empty.
     Dashpots act on a running mean of the velocity, of which each step replaces the part ``blend``.
     """
     for step in range(steps):
@@ -120,6 +121,9 @@ def advance_no_slip(
         locate(body.x, domain, stencil)
         force[:] = 0.0
         spread(body.force, stencil, force)
+        damping = len(before) > 0 and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
+        if damping:
+            before[:] = f_new
         if step % 2 == 0:
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
@@ -131,14 +135,14 @@ def advance_no_slip(
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
             control_force(velocity, drive, parameters, mean)
-        if staggered and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
-            damp_staggered_momentum(f, f_new, parameters[11])
+        if damping:
+            damp_staggered_momentum(f, before, parameters[11])
 
 
 @jit
 def advance_dissipative(
     start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, staggered, friction,
+    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, before, friction,
     mass, blend,
 ):  # fmt: skip
     """An even number of steps, from the even step ``start``, with vertices of given mass dragged by
@@ -165,14 +169,17 @@ def advance_dissipative(
                 body.v[i, d] += body.force[i, d] / (2.0 * mass)
         force[:] = 0.0
         spread(body.drag, stencil, force)
+        damping = len(before) > 0 and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
+        if damping:
+            before[:] = f_new
         if step % 2 == 0:
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
             control_force(velocity, drive, parameters, mean)
-        if staggered and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1:
-            damp_staggered_momentum(f, f_new, parameters[11])
+        if damping:
+            damp_staggered_momentum(f, before, parameters[11])
 
 
 @jit
@@ -393,6 +400,7 @@ class CellInFlow:
         gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
         self.drive = Drive(gain, np.asarray(target, float), lattice.nodes, lattice.cells)
         self._mean = np.zeros(2)
+        self._before = np.zeros(0 if numerics.kernel in EVEN_ODD else len(fluid.f), fluid.dtype)
         self.friction = units.friction(numerics.friction_nN_s_per_m) * self.density
         self.mass = vertex_mass(self.friction, self.moduli)
         self._centre = np.zeros(3)
@@ -426,7 +434,7 @@ class CellInFlow:
             fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.lattice.streaming,
             fluid.parameters, fluid.inertia, fluid.buffer, self.body, self.membrane, self.moduli,
             self.scratch, self.stencil, self.domain, self.contact, self.drive, self._mean,
-            self.numerics.kernel not in EVEN_ODD,
+            self._before,
         )  # fmt: skip
         if self.numerics.coupling == "no-slip":
             advance_no_slip(self.steps, steps, *state, self.blend)

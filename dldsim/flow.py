@@ -48,8 +48,8 @@ class Fluid:
 
     def __post_init__(self):
         n = self.lattice.stride
-        self.f = aligned_zeros(20 * n, self.dtype)
-        self.f_new = aligned_zeros(20 * n, self.dtype)
+        memory = aligned_zeros(20 * n + self.lattice.lead, self.dtype)
+        self.f, self.f_new = memory[self.lattice.lead :], memory[: 20 * n]
         self.force = aligned_zeros(3 * n, self.dtype)
         self.velocity = aligned_zeros(3 * n, self.dtype)
         self.buffer = aligned_zeros(20 * int(BLOCK), self.dtype)

@@ -9,6 +9,13 @@ Streaming is a table. For every node and direction it names the element of the p
 collision that arrives there, whether by propagation, bounce-back, periodicity or row shift. Runs
 of consecutive elements are copied as a whole into a small buffer, in which the collision runs
 without branches; elements that break a run (at channel walls) are patched one by one.
+
+The populations of the next step overwrite those of this one (compressed grid, Pohl et al.,
+Parallel Process. Lett. 13 (2003) 549): before and after are two windows on the same memory, apart
+by as many nodes as a population travels in the list of nodes, and the list is walked forwards when
+the new window lies before the old one, backwards on the way back. Half the memory and two thirds
+of the traffic of two arrays. What crosses the end of the domain along x would come too late; it is
+set aside before the step.
 """
 
 from dataclasses import dataclass
@@ -47,13 +54,16 @@ class Streaming(NamedTuple):
     """Where each population of the next step comes from; arrays are grouped by block.
 
     ``*_start``: first entry of each block, one entry more than there are blocks; ``*_source``: in
-    the populations; ``*_target``: in the buffer.
+    the populations; ``*_target``: in the buffer. ``aside_*``: copies of PIECE elements into the
+    last row of the populations, from where blocks read them, in order.
     ``short_*``, ``long_*``: copies of PIECE and LONG elements. Short ones come first and in order,
     since they may go on beyond the end of a run, where another is written later.
     ``patch_*``: single elements; ``blend_*``: elements to which the weighted difference of two
     sources is added (interpolated bounce-back); ``push_*``: what a moving wall adds.
     """
 
+    aside_source: np.ndarray
+    aside_target: np.ndarray
     short_start: np.ndarray
     short_source: np.ndarray
     short_target: np.ndarray
@@ -79,7 +89,8 @@ class Lattice:
 
     ``column`` (nx, ny) int32: index of the fluid column, -1 in solid. ``row_shift``: nodes by which
     the image of the domain at x + nx is displaced along y. ``walls``: no-slip plates at z = 0 and
-    z = nz, otherwise periodic along z.
+    z = nz, otherwise periodic along z. ``stride``: elements from one row of populations to the
+    next; ``lead``: nodes between the windows before and after a step.
     """
 
     nx: int
@@ -89,6 +100,7 @@ class Lattice:
     walls: bool
     column: np.ndarray
     stride: int
+    lead: int
     streaming: Streaming
 
     @property
@@ -140,11 +152,17 @@ def make_lattice(
     if not len(ix):
         raise DldsimError("The scene has no fluid: pillars or walls fill the whole lattice.")
     nodes = len(ix) * nz
-    block = int(BLOCK)
-    stride = -(-nodes // block) * block
+    lead, stride = _windows(column, ix, iy, nz, row_shift)
     z = np.arange(nz)
     own = np.arange(len(ix))[:, None] * nz + z
-    runs, exacts, blends = [], [], []
+    runs, exacts, blends, aside = [], [], [], []
+
+    def set_aside(sources):
+        """Elements of the last row that take the place of the sources."""
+        start = 19 * stride + sum(map(len, aside))
+        aside.append(sources.ravel())
+        return start + np.arange(sources.size).reshape(sources.shape)
+
     for q, (cx, cy, cz) in enumerate(VELOCITIES):
         source_column = column[neighbour((nx, ny), row_shift, ix, iy, -cx, -cy)]
         bounced = source_column < 0
@@ -161,6 +179,12 @@ def make_lattice(
             for plate, velocity in zip((0, nz - 1), wall_velocities, strict=True):
                 if not inside[plate]:
                     moving[:, plate] = 6 * WEIGHTS[q] * cx * velocity
+        across = (ix - cx < 0) | (ix - cx >= nx)
+        wrapped = across[:, None] & (run != exact) & (not walls)
+        saved = set_aside(run[across])
+        exact[wrapped] = set_aside(exact[wrapped])
+        exact[across] = np.where(exact[across] == run[across], saved, exact[across])
+        run[across] = saved
         exact[bounced] = opposite[bounced]
         run[bounced] = opposite[bounced]
         behind_element = np.full(run.shape, -1)
@@ -177,19 +201,44 @@ def make_lattice(
                 zb = zb % nz
             element = OPPOSITE[q] * stride + behind[:, None] * nz + zb
             behind_element = np.where(reachable, element, -1)
+            across = ((ix + cx < 0) | (ix + cx >= nx))[:, None] & (behind_element >= 0)
+            behind_element[across] = set_aside(behind_element[across])
         runs.append(run.ravel())
         exacts.append((exact.ravel(), moving.ravel()))
         blends.append((behind_element.ravel(), q * stride + own.ravel(), np.repeat(weight, nz)))
-    streaming = _compress(runs, exacts, blends, nodes, block, dtype)
-    return Lattice(nx, ny, nz, row_shift, walls, column, stride, streaming)
+    streaming = _compress(runs, exacts, blends, aside, nodes, dtype)
+    return Lattice(nx, ny, nz, row_shift, walls, column, stride, lead, streaming)
 
 
-def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
+def _windows(column, ix, iy, nz, row_shift) -> tuple[int, int]:
+    """How far apart the windows before and after a step are, and the length of a row."""
+    nx, ny = column.shape
+    farthest = crossing = 0
+    for cx, cy in np.unique(VELOCITIES[:, :2], axis=0):
+        source = column[neighbour((nx, ny), row_shift, ix, iy, -cx, -cy)]
+        across = (ix - cx < 0) | (ix - cx >= nx)
+        distance = np.where(across | (source < 0), 0, abs(source - column[ix, iy]))
+        farthest = max(farthest, distance.max())
+        crossing = max(crossing, np.count_nonzero(across))
+    lead = _whole((farthest + 1) * nz, PIECE)
+    # Five directions each way, their copies across the ends along z, and blends.
+    room = max(_whole(len(ix) * nz, BLOCK) + lead, 3 * 10 * crossing * nz)
+    return lead, _whole(room + int(LONG), PIECE)
+
+
+def _whole(number: int, unit) -> int:
+    """The number, raised to a multiple of the unit."""
+    return -(-int(number) // int(unit)) * int(unit)
+
+
+def _compress(runs, exacts, blends, aside, nodes, dtype) -> Streaming:
     """Turn element-wise sources into pieces, patches, blends and pushes, sorted by block.
 
     Per direction: ``runs`` source if columns went on for ever, ``exacts`` (source, addend of a
     moving wall), ``blends`` (source behind or -1, own source, weight) of the interpolation added.
+    ``aside``: sources of what is set aside.
     """
+    block = int(BLOCK)
     node = np.arange(nodes)
     short, long, patch, blend, push = [], [], [], [], []
     for q in range(19):
@@ -225,8 +274,17 @@ def _compress(runs, exacts, blends, nodes, block, dtype) -> Streaming:
         columns = [start] + [c[order] for c in columns[1:]]
         return [c.astype(dtype if c.dtype.kind == "f" else np.uint32) for c in columns]
 
+    source = np.concatenate(aside)
+    start = np.nonzero(np.diff(source, prepend=-2) != 1)[0]
+    count = -(-np.diff(np.append(start, len(source))) // int(PIECE))
+    rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    target = np.repeat(start, count) + int(PIECE) * rank
+    source = np.repeat(source[start], count) + int(PIECE) * rank
     kinds = short, long, patch, blend, push
-    return Streaming(*(column for entries in kinds for column in by_block(entries)))
+    return Streaming(
+        source.astype(np.uint32), target.astype(np.uint32),
+        *(column for entries in kinds for column in by_block(entries)),
+    )  # fmt: skip
 
 
 @restrict
@@ -440,6 +498,15 @@ def viscosity(relaxation_time: float) -> float:
 
 
 @restrict
+def _set_aside(f, last_row, s):
+    """Copy what crosses the end of the domain, before it is overwritten."""
+    for e in range(len(s.aside_source)):
+        a, b = np.uint64(s.aside_source[e]), np.uint64(s.aside_target[e])
+        for i in range(PIECE):
+            last_row[b + i] = f[a + i]
+
+
+@restrict
 def _put(buf, first, f_new):
     """Write the populations of the buffer to ``f_new`` from node ``first`` on."""
     stride = np.uint64(len(f_new)) // np.uint64(20)
@@ -460,12 +527,18 @@ def _components(field):
 def stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf):
     """One time step from populations ``f`` (after collision) to ``f_new``.
 
-    ``f``, ``f_new`` (20 * stride,), of which the last stride is padding; ``force``, ``velocity``
-    (3 * stride,): force density beside the uniform one, and the velocity that belongs to the
-    state between streaming and collision; ``buf`` (20 * BLOCK,).
+    ``f``, ``f_new`` (20 * stride,), of which the last stride is work space: windows on the same
+    memory, `lead` elements apart, in which the step leaves nothing of ``f``; or two arrays.
+    ``force``, ``velocity`` (3 * stride,): force density beside the uniform one, and the velocity
+    that belongs to the state between streaming and collision; ``buf`` (20 * BLOCK,).
     """
     forces, velocities = _components(force), _components(velocity)
-    for block in range(np.uint64(len(streaming.patch_start)) - _ONE):
+    end = 19 * (len(f) // 20)
+    _set_aside(f[:end], f[end:], streaming)
+    blocks = np.uint64(len(streaming.patch_start)) - _ONE
+    backwards = f.ctypes.data < f_new.ctypes.data
+    for count in range(blocks):
+        block = blocks - _ONE - count if backwards else count
         _gather(block, f, streaming, buf)
         _collide(buf, block * BLOCK, forces, velocities, parameters, inertia)
         _put(buf, block * BLOCK, f_new)

@@ -303,7 +303,7 @@ def _modes(data: pd.DataFrame) -> dict[tuple, str]:
 def _neighbours(geometries: pd.DataFrame) -> list[list[int]]:
     """Positions of each geometry's one-parameter neighbours."""
     found: list[list[int]] = [[] for _ in range(len(geometries))]
-    axes = _axes(geometries)
+    axes = axes_of(geometries)
     for axis in axes:
         others = [name for other in axes if other != axis for name in other]
         ordered = geometries.sort_values(axis)
@@ -314,7 +314,7 @@ def _neighbours(geometries: pd.DataFrame) -> list[list[int]]:
     return found
 
 
-def _axes(geometries: pd.DataFrame) -> list[list[str]]:
+def axes_of(geometries: pd.DataFrame) -> list[list[str]]:
     """Parameters that vary, those that determine each other on one axis."""
     axes: list[list[str]] = []
     for name in GEOMETRY:

@@ -1,15 +1,15 @@
-"""Regressors of the migration angle: comparison, the surrogate, its file and its card.
+"""The surrogate of the migration angle: fitted model, intervals, domain, file and card.
 
-Lengths enter as ratios to the cell radius R (Stokes similarity: only ratios matter), so that runs
-of one radius serve another. Channel height, velocity and cell shape are no inputs: runs must share
-them, and a prediction for another radius assumes height/R and the capillary number unchanged.
+A :class:`dldsim.regressors.BoundedXGBoost` on all runs. Prediction intervals are conformal, with
+geometries (not runs) as the units that are exchangeable; their coverage is measured on geometries
+held out. The card says what the model was learnt from, what it scores, and where it holds.
 """
 
+import copy
 import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,237 +17,74 @@ import pandas as pd
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.errors import DldsimError
+from dldsim.regressors import (
+    ANGLE,
+    BASELINE,
+    CONDITIONS,
+    FEATURES,
+    FOLDS,
+    GEOMETRY,
+    INPUTS,
+    SURROGATE,
+    CriticalDiameterRule,
+    TwoLimitCurve,
+    angle_of,
+    bounded_share,
+    features,
+    folds_of,
+    groups_of,
+    inputs_and_angles,
+    learnable,
+    make_regressors,
+    pooled,
+    share_of,
+    tune,
+)
 from dldsim.tables import atomic_path
 from dldsim.trajectory import mode_of
 
 if TYPE_CHECKING:
     from xgboost import Booster
 
-FEATURES = [
-    "pillar_radius_over_cell_radius", "gap_over_cell_radius", "periodicity", "row_shift_fraction",
-    "deformation_index", "critical_diameter_over_cell_diameter", "bump_angle_deg",
-]
-GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
-INPUTS = [*GEOMETRY, "deformation_index", "cell_radius_um"]
-ANGLE = "migration_angle_deg"
-CONDITIONS = ["cell_shape", "height_um", "mean_velocity_mm_s"]
-"""Columns of `runs` that change the angle but are no features: one value each."""
-
 KIND = "dldsim surrogate of the migration angle"
-SURROGATE = "XGBoost"
-BASELINE = "critical diameter rule"
-FOLDS, REPEATS = 5, 2
-NEGLIGIBLE = 1e-10
-"""A term of less variance in standardised inputs is constant but for rounding."""
-CURVE_REPEATS, CURVE_SIZES, CURVE_HELD_OUT = 10, 7, 0.2
-CURVE_MODELS = (SURROGATE, "polynomial ridge", BASELINE)
 DOMAIN_TOLERANCE = 0.02
 """How far outside the training geometries still counts as inside, in units of their range."""
-
-BOOSTING = {
-    "n_estimators": 300, "max_depth": 4, "learning_rate": 0.05, "subsample": 0.8,
-    "colsample_bytree": 0.8, "n_jobs": 1, "verbosity": 0,
-}
-
-
-def critical_diameter_um(gap_um, periodicity):
-    """D_c = 1.4 P_g ε^0.48 of rigid spheres [µm] (Davis's empirical fit; Inglis et al. 2006)."""
-    return 1.4 * gap_um * (1 / periodicity) ** 0.48
+LEVELS = (0.68, 0.9)
+"""Levels at which the coverage of the intervals is measured."""
+LEVEL = 0.9
+SPREAD_FLOOR = 0.01
+"""Least variance of a share in the scores: near the limits errors are small, but not zero."""
+TARGET = {"r2": 0.95, "median_absolute_error_deg": 0.3}
+"""What a designer would like on geometries never seen."""
 
 
-def features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
-    """Features of runs, shape (n, len(FEATURES)); the arguments are broadcast to one length.
+# ------------------------------------------------------------------------------ conformal intervals
 
-    Raises DldsimError for lengths that are not positive or values that are not finite.
+
+def spread_of(share) -> np.ndarray:
+    """Scale of the error of a predicted share s: √(s (1 − s) + floor), largest half way."""
+    share = np.clip(share, 0, 1)
+    return np.sqrt(share * (1 - share) + SPREAD_FLOOR)
+
+
+def conformal_factor(scores: list[list[float]], level: float) -> float:
+    """Smallest q so that a share level of scores of a new geometry is below q; inf if too few.
+
+    `scores` holds those of each geometry. Every geometry has equal weight, and one more of unknown,
+    infinite score stands for the new one (hierarchical conformal prediction, Lee, Barber & Willett,
+    arXiv:2306.06342, eq. 4).
     """
-    columns = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(v, float)) for v in (
-            pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um))
-    )
-    if not all(np.isfinite(c).all() for c in columns):
-        raise DldsimError(f"Surrogate: {', '.join(INPUTS)} must be finite numbers.")
-    radius, gap, rows, index, cell = columns
-    for name, values in zip(INPUTS, columns, strict=True):
-        if name != "deformation_index" and (values <= 0).any():
-            raise DldsimError(f"Surrogate: {name} must be positive, got {values.min():g}.")
-    return np.column_stack([
-        radius / cell, gap / cell, rows, 1 / rows, index,
-        critical_diameter_um(gap, rows) / (2 * cell), np.degrees(np.arctan(1 / rows)),
-    ])
+    values = np.concatenate([np.asarray(s, float) for s in scores])
+    weights = np.concatenate([np.full(len(s), 1 / len(s)) for s in scores]) / (len(scores) + 1)
+    order = np.argsort(values)
+    reached = np.flatnonzero(np.cumsum(weights[order]) >= level - 1e-12)
+    return float(values[order][reached[0]]) if reached.size else float("inf")
 
 
-def _learnable(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs with an angle and a deformation index, in a fixed order; not converged ones included."""
-    needed = ["run_id", *INPUTS, ANGLE, "status"]
-    missing = [name for name in needed if name not in runs]
-    if missing:
-        raise DldsimError(f"Surrogate: the table of runs lacks {', '.join(missing)}.")
-    data = runs.dropna(subset=[*INPUTS, ANGLE]).sort_values("run_id").reset_index(drop=True)
-    if data.groupby(GEOMETRY).ngroups < 3 or data[ANGLE].nunique() < 2:
-        causes = ", ".join(
-            f"{int(runs[n].isna().sum())} without {n}" for n in (ANGLE, "deformation_index"))
-        raise DldsimError(
-            f"Surrogate: {len(data)} of {len(runs)} runs are usable ({causes}); at least three "
-            "geometries with different angles are needed. Widen the sweep, or see why runs failed "
-            "(columns status and stop_reason)."
-        )
-    mixed = [name for name in CONDITIONS if name in data and data[name].nunique() > 1]
-    if mixed:
-        raise DldsimError(
-            f"Surrogate: the runs differ in {', '.join(mixed)}, which the surrogate does not "
-            "know. Fit one surrogate per condition."
-        )
-    return data
-
-
-class CriticalDiameterRule:
-    """Baseline that learns nothing: a cell whose diameter 2R exceeds D_c bumps, any other does not.
-
-    2R is the largest diameter at rest, so that flat or soft cells are expected to be overrated.
-    """
-
-    def fit(self, x: np.ndarray, y: np.ndarray) -> "CriticalDiameterRule":
-        return self
-
-    def predict(self, x: np.ndarray) -> np.ndarray:
-        ratio = x[:, FEATURES.index("critical_diameter_over_cell_diameter")]
-        return np.where(ratio < 1, x[:, FEATURES.index("bump_angle_deg")], 0.0)
-
-
-def make_regressors(seed: int) -> dict[str, Any]:
-    """The six regressors of the source paper with modest fixed settings, and the baseline."""
-    from sklearn.compose import TransformedTargetRegressor
-    from sklearn.ensemble import ExtraTreesRegressor, RandomForestRegressor
-    from sklearn.feature_selection import SelectFromModel, VarianceThreshold
-    from sklearn.linear_model import ElasticNet, LinearRegression, RidgeCV
-    from sklearn.pipeline import make_pipeline
-    from sklearn.preprocessing import PolynomialFeatures, StandardScaler
-    from sklearn.svm import SVR
-    from xgboost import XGBRegressor
-
-    importance = ExtraTreesRegressor(30, random_state=seed, n_jobs=1)
-    support_vectors = make_pipeline(
-        StandardScaler(), SelectFromModel(importance, threshold="0.1*mean"),
-        SVR(C=10, epsilon=0.02),
-    )
-    return {
-        SURROGATE: XGBRegressor(**BOOSTING, random_state=seed),
-        "SVR with feature selection": TransformedTargetRegressor(support_vectors,
-                                                                 transformer=StandardScaler()),
-        "random forest": RandomForestRegressor(100, random_state=seed, n_jobs=1),
-        "polynomial ridge": make_pipeline(
-            StandardScaler(), PolynomialFeatures(2, include_bias=False),
-            VarianceThreshold(NEGLIGIBLE), StandardScaler(), RidgeCV(np.logspace(-3, 3, 13)),
-        ),
-        "elastic net": make_pipeline(StandardScaler(), ElasticNet(0.01, max_iter=100_000)),
-        "linear": make_pipeline(StandardScaler(), LinearRegression()),
-        BASELINE: CriticalDiameterRule(),
-    }
-
-
-def _splits(data: pd.DataFrame, split: str, seed: int):
-    """Repeated folds (train, test): of rows, or of whole geometries."""
-    from sklearn.model_selection import GroupKFold, KFold
-
-    groups = data.groupby(GEOMETRY).ngroup()
-    for repeat in range(REPEATS):
-        state = seed + repeat
-        if split == "random":
-            yield from KFold(min(FOLDS, len(data)), shuffle=True, random_state=state).split(data)
-        else:
-            folds = GroupKFold(min(FOLDS, groups.nunique()), shuffle=True, random_state=state)
-            yield from folds.split(data, groups=groups)
-
-
-def _cross_validate(
-    data: pd.DataFrame, regressors: dict[str, Any], split: str, seed: int
-) -> tuple[list[dict[str, Any]], list[pd.DataFrame]]:
-    from sklearn.base import clone
-
-    x, y = features(*(data[name] for name in INPUTS)), data[ANGLE].to_numpy(float)
-    converged = data["status"].isin(["converged", "periodic"]).to_numpy()
-    scores, predictions = [], []
-    for fold, (train, test) in enumerate(_splits(data, split, seed)):
-        for name, prototype in regressors.items():
-            regressor = clone(prototype) if hasattr(prototype, "get_params") else prototype
-            start = perf_counter()
-            regressor.fit(x[train], y[train])
-            fitted = perf_counter()
-            predicted = np.asarray(regressor.predict(x[test]), float)
-            done = perf_counter()
-            error = predicted - y[test]
-            spread = np.sum((y[test] - y[test].mean()) ** 2)
-            mse = np.mean(error**2)
-            scores.append({
-                "model": name, "split": split, "fold": fold,
-                "n_train": len(train), "n_test": len(test),
-                "mse_deg2": mse, "rmse_deg": np.sqrt(mse), "mae_deg": np.mean(np.abs(error)),
-                "r2": 1 - np.sum(error**2) / spread if spread > 0 else np.nan,
-                "fit_time_s": fitted - start, "predict_time_s": done - fitted,
-            })
-            predictions.append(pd.DataFrame({
-                "run_id": data["run_id"].to_numpy()[test], "model": name, "split": split,
-                "fold": fold, "observed_deg": y[test], "predicted_deg": predicted,
-                "converged": converged[test],
-            }))
-    return scores, predictions
-
-
-def benchmark(runs: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Scores per fold and held-out predictions [deg] of all regressors.
-
-    Tables of kinds `benchmark` and `predictions`. Two repeats of five folds, once over rows
-    (`random`, the source paper's way, which leaves other stiffness sets of the same array in the
-    training data) and once over whole geometries (`geometry`, what a designer needs). Settings are
-    fixed beforehand, so no fold has seen its test rows; only the ridge penalty is chosen, within
-    the training rows. Same seed, same numbers, times apart.
-
-    Raises DldsimError for missing columns or too few usable runs.
-    """
-    data = _learnable(runs)
-    scores, predictions = [], []
-    for split in ("random", "geometry"):
-        found = _cross_validate(data, make_regressors(seed), split, seed)
-        scores += found[0]
-        predictions += found[1]
-    return pd.DataFrame(scores), pd.concat(predictions, ignore_index=True)
-
-
-def learning_curve(runs: pd.DataFrame, seed: int) -> pd.DataFrame:
-    """Error [deg] on unseen arrays against the number of runs learnt from; kind `learning_curve`.
-
-    In each of ten repeats a fifth of the arrays is held out; the others are learnt from in growing,
-    nested numbers from three arrays on. A row also says what its training runs cost to simulate.
-
-    Raises DldsimError as `benchmark` does.
-    """
-    data = _learnable(runs)
-    group = data.groupby(GEOMETRY).ngroup().to_numpy()
-    x, y = features(*(data[name] for name in INPUTS)), data[ANGLE].to_numpy(float)
-    cost = data["wall_time_s"].to_numpy(float) if "wall_time_s" in data else np.full(len(y), np.nan)
-    arrays = group.max() + 1
-    held_out = max(1, min(round(CURVE_HELD_OUT * arrays), arrays - 2))
-    sizes = np.geomspace(min(3, arrays - held_out), arrays - held_out, CURVE_SIZES)
-    rng = np.random.default_rng(seed)
-    rows = []
-    for repeat in range(CURVE_REPEATS):
-        order = rng.permutation(arrays)
-        test = np.isin(group, order[:held_out])
-        for size in np.unique(sizes.round().astype(int)):
-            train = np.isin(group, order[held_out : held_out + size])
-            regressors = make_regressors(seed + repeat)
-            for name in CURVE_MODELS:
-                start = perf_counter()
-                regressors[name].fit(x[train], y[train])
-                fitted = perf_counter() - start
-                error = np.asarray(regressors[name].predict(x[test]), float) - y[test]
-                rows.append({
-                    "model": name, "repeat": repeat, "geometries": int(size),
-                    "runs": int(train.sum()), "n_test": int(test.sum()),
-                    "rmse_deg": np.sqrt(np.mean(error**2)), "mae_deg": np.mean(np.abs(error)),
-                    "fit_time_s": fitted, "simulation_time_s": cost[train].sum(),
-                })
-    return pd.DataFrame(rows)
+def _scores(predicted: np.ndarray, observed: np.ndarray, groups: np.ndarray) -> list[list[float]]:
+    """Error of shares over its scale, by group."""
+    score = np.abs(observed - predicted) / spread_of(predicted)
+    return [score[groups == g].tolist() for g in np.unique(groups)]
 
 
 @dataclass
@@ -257,10 +94,68 @@ class Surrogate:
     booster: "Booster"
     card: dict[str, Any]
 
+    def share(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
+        """Share of the bump displacement, 0 (zigzag) to 1 (bump), (n,); arguments broadcast."""
+        x = features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)
+        return bounded_share(self.booster, TwoLimitCurve.from_state(self.card["curve"]), x)
+
     def predict(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
         """Migration angles [deg], shape (n,); the arguments are broadcast to one length."""
-        x = features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)
-        return np.asarray(self.booster.inplace_predict(x, validate_features=False), float)
+        at = pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um
+        share = self.share(*at)
+        return angle_of(share, np.broadcast_to(np.atleast_1d(periodicity), share.shape))
+
+    def predict_interval(
+        self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um,
+        level: float = LEVEL,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper angle [deg], (n,) each, that hold a new geometry's angle so often.
+
+        Conformal, see the module. Where there are too few geometries for the level, and outside
+        the domain (see `inside_domain`), nothing was learnt about errors: the interval is then the
+        whole range from the least to the largest share of the bump displacement ever simulated.
+        """
+        if not 0 < level < 1:
+            raise DldsimError(f"Surrogate: level of an interval must be between 0 and 1: {level}.")
+        at = pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um
+        share = self.share(*at)
+        rows = np.broadcast_to(np.atleast_1d(periodicity), share.shape)
+        least, largest = self.card["conformal"]["range"]
+        reach = conformal_factor(self.card["conformal"]["scores"], level) * spread_of(share)
+        reach = np.where(self.inside_domain(*at), reach, np.inf)
+        return (angle_of(np.clip(share - reach, least, largest), rows),
+                angle_of(np.clip(share + reach, least, largest), rows))
+
+    def inside_domain(
+        self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um
+    ) -> np.ndarray:
+        """Whether the surrogate interpolates, (n,): by DI range and hull of the geometries."""
+        radius, gap, rows, index, cell = np.broadcast_arrays(*map(np.atleast_1d, (
+            pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)))
+        low, high = self.deformation_index_range
+        slack = DOMAIN_TOLERANCE * (high - low)
+        inside = (index >= low - slack) & (index <= high + slack)
+        points = np.column_stack([radius / cell, gap / cell, rows])
+        unique, where = np.unique(points, axis=0, return_inverse=True)
+        known = np.zeros(len(unique), bool)
+        surely = self._surely_inside(unique)
+        for i in np.flatnonzero(self.may_be_inside(*unique.T, 1.0)):
+            known[i] = surely[i] or self.distance_outside(*unique[i], 1.0) <= DOMAIN_TOLERANCE
+        return inside & known[where.ravel()]
+
+    def _surely_inside(self, points: np.ndarray) -> np.ndarray:
+        """True where a triangulation of the training geometries holds a point (P_r/R, P_g/R, N_p).
+
+        All False where those lie in a plane or a line; `distance_outside` then decides.
+        """
+        from scipy.spatial import Delaunay
+
+        known = np.array(self.card["domain"]["geometries"])
+        span = np.ptp(known, axis=0)
+        spread = (known - known.mean(axis=0)) / np.where(span > 0, span, 1)
+        if len(known) < 5 or np.linalg.matrix_rank(spread, tol=1e-9) < 3:
+            return np.zeros(len(points), bool)
+        return Delaunay(known / span).find_simplex(points / span) >= 0
 
     @property
     def deformation_index_range(self) -> tuple[float, float]:
@@ -348,33 +243,59 @@ class Surrogate:
 
 
 def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
-    """Fit the surrogate to all usable runs; its card holds its cross-validated error by geometry.
+    """Fit the surrogate to all usable runs; its card holds its error on geometries held out.
 
-    Raises DldsimError as `benchmark` does.
+    Raises DldsimError for missing columns or too few usable runs.
     """
     import xgboost
 
-    data = _learnable(runs)
-    regressors = {SURROGATE: make_regressors(seed)[SURROGATE], BASELINE: CriticalDiameterRule()}
-    _, held_out = _cross_validate(data, regressors, "geometry", seed)
-    scores = {name: _pooled(part) for name, part in pd.concat(held_out).groupby("model")}
-    x = features(*(data[name] for name in INPUTS))
-    model = regressors[SURROGATE].fit(x, data[ANGLE].to_numpy(float))
-    booster = model.get_booster()
+    data = learnable(runs)
+    x, y = inputs_and_angles(data)
+    groups, rows = groups_of(data, "geometry"), data["periodicity"].to_numpy(float)
+    share = share_of(y, rows)
+    prototype, grid = make_regressors(seed)[SURROGATE]
+    held_out = np.empty_like(y)
+    covered: dict[float, list] = {level: [] for level in LEVELS}
+    for train, test in folds_of(groups, FOLDS, seed):
+        chosen, inner = tune(prototype, grid, x[train], y[train], groups[train], seed)
+        held_out[test] = chosen.fit(x[train], y[train]).predict(x[test])
+        known = _scores(share_of(inner, rows[train]), share[train], groups[train])
+        predicted = share_of(held_out[test], rows[test])
+        for level in LEVELS:
+            reach = conformal_factor(known, level) * spread_of(predicted)
+            covered[level].append(pd.DataFrame({
+                "inside": np.abs(share[test] - predicted) <= reach, "geometry": groups[test],
+                "half_width": np.minimum(reach, 1) * np.degrees(np.arctan(1 / rows[test])),
+            }))
+    chosen, _ = tune(prototype, grid, x, y, groups, seed)
+    model = copy.deepcopy(chosen).fit(x, y)
+    booster = model.booster
     booster.feature_names = FEATURES
-    ratios = x[:, [FEATURES.index(n) for n in
-                   ("pillar_radius_over_cell_radius", "gap_over_cell_radius", "periodicity")]]
+    frame = pd.DataFrame({"observed_deg": y, "predicted_deg": held_out})
+    scores = pooled(frame)
+    rule = pooled(frame.assign(predicted_deg=CriticalDiameterRule().predict(x)))
+    ratios = np.column_stack([data["pillar_radius_um"] / data["cell_radius_um"],
+                              data["gap_um"] / data["cell_radius_um"], rows])
     card = {
-        "kind": KIND,
-        "response": ANGLE, "features": FEATURES, "seed": int(seed), "settings": BOOSTING,
+        "kind": KIND, "response": "share of the bump displacement tan(migration angle) N_p",
+        "features": FEATURES, "seed": int(seed), "curve": model.curve.state(),
+        "settings": {"trees": model.trees, "depth": model.depth},
         "data": {
             "sha256": _data_hash(data), "runs": len(runs), "used": len(data),
             "not_converged": int((~data["status"].isin(["converged", "periodic"])).sum()),
             "geometries": int(data.groupby(GEOMETRY).ngroups),
             "conditions": {n: _plain(data[n].iloc[0]) for n in CONDITIONS if n in data},
         },
-        "scores_by_geometry": scores[SURROGATE],
-        "baseline_by_geometry": {"model": BASELINE} | scores[BASELINE],
+        "scores_by_geometry": scores,
+        "baseline_by_geometry": {"model": BASELINE} | rule,
+        "target_by_geometry": TARGET | {"reached": bool(
+            (scores["r2"] or 0) >= TARGET["r2"]
+            and scores["median_absolute_error_deg"] <= TARGET["median_absolute_error_deg"])},
+        "conformal": {
+            "scores": _scores(share_of(held_out, rows), share, groups),
+            "range": [float(min(share.min(), 0)), float(max(share.max(), 1))],
+            "measured": [_coverage(level, pd.concat(parts)) for level, parts in covered.items()],
+        },
         "numerical_uncertainty": _numerical_uncertainty(data),
         "domain": {
             "ranges": {name: [float(c.min()), float(c.max())]
@@ -385,6 +306,18 @@ def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
                      "xgboost": xgboost.__version__, "numpy": np.__version__},
     }
     return Surrogate(_serial(booster), card)
+
+
+def _coverage(level: float, found: pd.DataFrame) -> dict[str, float | int]:
+    """Share of runs of held-out geometries inside their intervals, each geometry counting once.
+
+    The error of the share is that of a mean over geometries.
+    """
+    by_geometry = found.groupby("geometry")["inside"].mean()
+    return {"level": level, "coverage": float(by_geometry.mean()),
+            "coverage_error": float(by_geometry.sem()) if len(by_geometry) > 1 else 1.0,
+            "geometries": len(by_geometry),
+            "mean_half_width_deg": float(found["half_width"].mean())}
 
 
 def _numerical_uncertainty(data: pd.DataFrame) -> dict[str, Any]:
@@ -420,18 +353,6 @@ def _card_hash(card: dict[str, Any]) -> str:
     """SHA-256 of a card without the hash of its model; the model file keeps it."""
     content = {key: value for key, value in card.items() if key != "model_sha256"}
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _pooled(predictions: pd.DataFrame) -> dict[str, float | int | None]:
-    """Scores over all held-out predictions together."""
-    error = (predictions["predicted_deg"] - predictions["observed_deg"]).to_numpy()
-    observed = predictions["observed_deg"].to_numpy()
-    return {
-        "rmse_deg": float(np.sqrt(np.mean(error**2))), "mae_deg": float(np.mean(np.abs(error))),
-        "median_absolute_error_deg": float(np.median(np.abs(error))),
-        "r2": float(1 - np.sum(error**2) / np.sum((observed - observed.mean()) ** 2)),
-        "predictions": len(error),
-    }
 
 
 def load(path: Path, card_path: Path) -> Surrogate:

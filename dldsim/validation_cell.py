@@ -214,11 +214,13 @@ def rigid_transition() -> Iterator[Comparison]:
         law = law_of_davis(periodicity)
         worst = max(passages, key=lambda passage: passage.deformation)
         drift = max(abs(passage.volume_ratio - 1) for passage in passages)
-        note = (
-            f"{len(passages)} spheres, {(low + high) * pitch / 8:.1f} nodes in radius; Taylor "
-            f"deformation up to {worst.deformation:.3f}, volume within {drift:.2%}"
-        )
         middle = (low + high) / 2
+        radius = middle * pitch / 4
+        note = (
+            f"{len(passages)} spheres, {radius:.1f} nodes in radius, of which half a node is "
+            f"{0.5 / radius:.0%}; Taylor deformation up to {worst.deformation:.3f}, volume within "
+            f"{drift:.2%}"
+        )
         yield Comparison(
             "critical diameter", middle, law, SCATTER_OF_LAW, source=DAVIS, note=note, **about
         )

@@ -17,9 +17,8 @@ from dldsim.config import Cell, DesignRequest, Device, Flow, Geometry, Numerics,
 from dldsim.errors import DldsimError
 from dldsim.export import FILES, Verified, describe, export_design, make_populations
 from dldsim.flow import solve_empty_array
-from dldsim.simulation import simulate_run
 from dldsim.tables import COLUMNS
-from dldsim.vtk import record_shapes
+from dldsim.vtk import simulate_with_shapes
 
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 DEVICE = Device(array_length_mm=1.0, array_width_mm=0.8)
@@ -47,9 +46,10 @@ def verified():
     found = []
     for name, factor in (("1", 1), ("5", 4)):
         stiffness = SOFT.model_copy(update={"ks_uN_per_m": 5.1 * factor})
-        scene = GEOMETRY, stiffness, cell, flow, numerics, control
-        run = simulate_run(*scene, run_id=f"r_s{name}", stiffness_set=name, empty_flow=empty)
-        shapes = record_shapes(*scene, steps=run.row["steps"], every=2, empty_flow=empty)
+        run, shapes = simulate_with_shapes(
+            GEOMETRY, stiffness, cell, flow, numerics, control, run_id=f"r_s{name}",
+            stiffness_set=name, every=2, empty_flow=empty,
+        )  # fmt: skip
         found.append(Verified({**run.row, "sigma_num_deg": 0.3}, run.trajectory, shapes))
     return found
 

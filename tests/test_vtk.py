@@ -91,7 +91,7 @@ def test_recorded_shapes_are_the_cell(shapes, run):
 
 
 def test_every_nth_sample(empty, run, shapes):
-    sparse = record(empty, run, every=3)
+    _, sparse = record(empty, every=3)
     np.testing.assert_array_equal(sparse.points_um, shapes.points_um[::3])
     np.testing.assert_array_equal(sparse.step, shapes.step[::3])
     assert sparse.departure_um(run.trajectory) == 0
