@@ -103,23 +103,30 @@ def runs(config: Config) -> list[Run]:
     return sorted((Run(g, s) for g in geometries(config) for s in sets), key=run_id)
 
 
-def constriction_id(group: str, position: int) -> str:
-    """Identifier such as G1_0 of a constriction run; `position` counts the release positions."""
-    return f"{group}_{position}"
+GROUP_VELOCITY, FIXED_VELOCITY = "group-velocity", "fixed-velocity"
+"""Designs of the calibration: each group at its own velocity (the source paper's), all at one."""
+CONSTRICTION_PATTERN = r"[A-Za-z0-9-]+_(?:fixed_)?\d+"
 
 
-def parse_constriction(text: str) -> tuple[str, int]:
+def constriction_id(group: str, position: int, design: str = GROUP_VELOCITY) -> str:
+    """Identifier such as G1_0, or G1_fixed_0 at fixed velocity; `position` counts the releases."""
+    return f"{group}_{'fixed_' if design == FIXED_VELOCITY else ''}{position}"
+
+
+def parse_constriction(text: str) -> tuple[str, int, str]:
     """The inverse of `constriction_id`."""
-    group, _, position = text.rpartition("_")
-    if not group or not position.isdecimal():
+    if not re.fullmatch(CONSTRICTION_PATTERN, text):
         raise DldsimError(f"{text!r} is not a constriction run identifier such as G1_0.")
-    return group, int(position)
+    group, *fixed, position = text.split("_")
+    return group, int(position), FIXED_VELOCITY if fixed else GROUP_VELOCITY
 
 
 def constrictions(config: Config) -> list[str]:
     """Identifiers of all constriction runs."""
-    positions = range(len(config.constriction.release_positions_um))
-    return [constriction_id(g, i) for g in config.constriction_groups for i in positions]
+    channel = config.constriction
+    designs = [GROUP_VELOCITY] + [FIXED_VELOCITY] * (channel.fixed_velocity_mm_s is not None)
+    return [constriction_id(g, i, design) for design in designs
+            for g in config.constriction_groups for i in range(len(channel.release_positions_um))]
 
 
 def derive_seed(seed: int, name: str) -> int:

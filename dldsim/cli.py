@@ -20,12 +20,14 @@ from dldsim.config import (
     Constriction,
     ConstrictionGroup,
     DesignRequest,
+    Device,
     Flow,
     Geometry,
     Numerics,
     RunControl,
     Section,
     Sweep,
+    Verification,
     check_gap,
     check_passable,
     read_config,
@@ -40,7 +42,8 @@ EXAMPLES = {
             "--drive axial --height-um 0 --json",
     "constrict": "python -m dldsim constrict --set 1 --json",
     "anova": "python -m dldsim anova results/runs.parquet",
-    "design": "python -m dldsim design --set1 1 --set2 5 --gap-um 14 22 --trials 100",
+    "design": "python -m dldsim design --set1 1 --set2 5 --r1 7.5 --r2 7.5 --gap-um 14 20 "
+              "--objective robust",
     "validate": "python -m dldsim validate square-arrays membrane-forces --out validation.parquet",
     "info": "python -m dldsim info results/runs.parquet",
 }
@@ -175,22 +178,46 @@ def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Geometries that separate two cell types best."""
-    from dldsim import surrogate
-    from dldsim.jobs import search_designs
-    from dldsim.tables import read_table
+    from dldsim import campaign, design_jobs
+    from dldsim.design import search
+    from dldsim.jobs import provenance
 
-    request = validate(DesignRequest, {"name": "command-line"} | _given(DesignRequest, args))
-    by_name = request.stiffness_set_1 is not None or request.stiffness_set_2 is not None
-    path = args.calibration or args.results / "calibration.parquet"
-    calibration = read_table("calibration", path) if by_name else None
-    model = surrogate.load(
-        args.model or args.results / "surrogate.json",
-        args.card or args.results / "surrogate_card.json",
-    )
+    request = validate(DesignRequest, {"name": args.request_name} | _given(DesignRequest, args))
+    config = _campaign(args.config)
     safety = args.safety_distance_um
-    designs, trials = search_designs(model, [request], calibration, safety, args.seed)
-    summary = {"designs": _records(designs), "trials": len(trials), "seed": args.seed}
-    return summary, _frame_lines(designs)
+    if safety is None:
+        safety = _safety_distance(config)
+    known = design_jobs.read_campaign(
+        args.results or _campaign_data(), Device() if config is None else config.device, safety
+    )
+    resolved = design_jobs.by_deformation_index(request, known.tables["calibration"])
+    seed = campaign.derive_seed(args.seed, f"design/{request.name}")
+    found = search(known.model, resolved, known.chip, seed)
+    outcome, output, files = None, args.output, []
+    budget = Verification() if config is None else config.verification
+    settings = {**known.settings, "seed": args.seed, "verification": budget.model_dump(),
+                "design_requests": [request.model_dump()]}
+    if args.verify:
+        output = output or Path(f"design-{request.name}")
+        with _progress() as progress:
+            outcome = design_jobs.verify_request(
+                request, settings, known.chip, known.model, known.tables, work=output / "runs",
+                files=output / "files", progress=progress,
+            )
+        files += sorted(map(str, (output / "files").iterdir()))
+    if output is not None:
+        about = provenance(settings, args.seed)
+        files = [str(p) for p in design_jobs.write_tables(found, outcome, output, about)] + files
+    summary = {
+        "request": resolved.model_dump(), "designs": _records(found.designs),
+        "tolerances": _records(found.tolerances), "importance": _records(found.importance),
+        "trials": len(found.trials), "seed": args.seed,
+        "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry")},
+        "verified_designs": None if outcome is None else _records(outcome.designs),
+        "verifications": None if outcome is None else _records(outcome.verifications),
+        "files": files,
+    }  # fmt: skip
+    return summary, _design_lines(summary)
 
 
 def run_validation(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
@@ -239,6 +266,16 @@ def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 
 # ------------------------------------------------------------------------------------------- input
+
+CAMPAIGN_DATA = Path(__file__).parent / "data" / "campaign"
+"""Tables of the campaign that comes with the package."""
+
+
+def _campaign_data() -> Path:
+    if not CAMPAIGN_DATA.exists():
+        raise DldsimError("No campaign comes with this installation. Name the folder of a finished "
+                          "one with --results, such as results/.")
+    return CAMPAIGN_DATA
 
 
 def _campaign(path: Path | None) -> Config | None:
@@ -420,6 +457,84 @@ def _verdict_lines(cases: Sequence[Mapping]) -> list[str]:
     }), ""]  # fmt: skip
 
 
+def _design_lines(summary: Mapping) -> list[str]:
+    """What a search and its verification found, to be read."""
+    request, designs = summary["request"], summary["designs"]
+    data, scores = summary["surrogate"]["data"], summary["surrogate"]["scores_by_geometry"]
+    lines = [
+        f"cell {i}: deformation index {request[f'deformation_index_{i}']:.4g} ± "
+        f"{request[f'deformation_index_std_{i}']:.2g}, radius {request[f'radius_{i}_um']:g} µm"
+        for i in "12"
+    ] + [
+        f"learnt from {data['used']} runs in {data['geometries']} arrays; median error on arrays "
+        f"never seen {scores['median_absolute_error_deg']:.2f}°",
+        f"{summary['trials']} arrays tried, objective {request['objective']}", "",
+        "Candidates (predicted, not simulated), lengths in µm, angles in degrees:",
+    ]  # fmt: skip
+    lines += _columns({
+        "rank": [str(d["rank"]) for d in designs],
+        "P_r": [f"{d['pillar_radius_um']:.2f}" for d in designs],
+        "P_g": [f"{d['gap_um']:.2f}" for d in designs],
+        "N_p": [str(d["periodicity"]) for d in designs],
+        "cell 1": [f"{d['angle_1_deg']:.2f} {d['mode_1']}" for d in designs],
+        "cell 2": [f"{d['angle_2_deg']:.2f} {d['mode_2']}" for d in designs],
+        "separation": [f"{d['separation_deg']:.2f} ± {d['uncertainty_deg']:.2f}" for d in designs],
+        "robust": [f"{d['robust_separation_deg']:.2f}" for d in designs],
+        f"± {request['tolerance_um']:g} µm": [
+            f"{d['separation_tolerance_min_deg']:.2f} to {d['separation_tolerance_max_deg']:.2f}"
+            for d in designs],
+        "length [mm]": [_optional(d["length_mm"], ".3g") for d in designs],
+        "pressure [kPa]": [_optional(d["pressure_drop_kPa"], ".3g") for d in designs],
+        "verdict": [d["verdict"].partition(";")[0] for d in designs],
+    })  # fmt: skip
+    notes = dict.fromkeys(note.strip() for d in designs for note in d["verdict"].split(";")[1:])
+    lines += ["", *notes, "± uncertainty: half of the 90 % interval; robust: exceeded by nine of ten draws",
+              f"pressure drop: {designs[0]['pressure_basis']}; throughput "
+              f"{designs[0]['throughput_uL_per_h']:.3g} µL/h", "", "Best candidate, one thing off:"]
+    first = [t for t in summary["tolerances"] if t["design"] == 1]
+    lines += _columns({
+        "off": [t["parameter"] for t in first], "by": [f"{t['offset']:+.2g}" for t in first],
+        "separation": [f"{t['separation_deg']:.2f}" for t in first],
+        "modes": [f"{t['mode_1']}, {t['mode_2']}" for t in first],
+        "slope [° per unit]": [f"{t['sensitivity_deg_per_unit']:.2f}" for t in first],
+    })  # fmt: skip
+    known = [row for row in summary["importance"] if row["importance"] is not None]
+    if known:
+        lines += ["", f"importance ({known[0]['evaluator']}): "
+                  + ", ".join(f"{r['parameter']} {r['importance']:.0%}" for r in known)]
+    if summary["verified_designs"] is None:
+        lines += ["", "Add --verify to simulate both cell types in the best designs."]
+    else:
+        lines += ["", *_verified_lines(summary)]
+    return lines + [f"written: {path}" for path in summary["files"]]
+
+
+def _verified_lines(summary: Mapping) -> list[str]:
+    rows = [r for r in summary["verifications"] if r["population"] == "difference"]
+    done = summary["verified_designs"]
+    lines = ["Simulated differences (cell 2 − cell 1) in degrees, beside what was predicted:"]
+    lines += _columns({
+        "round": [str(r["round"]) for r in rows], "role": [r["role"] for r in rows],
+        "P_r": [f"{r['pillar_radius_um']:.2f}" for r in rows],
+        "P_g": [f"{r['gap_um']:.2f}" for r in rows], "N_p": [str(r["periodicity"]) for r in rows],
+        "height": [f"{r['height_um']:g}" for r in rows],
+        "predicted": [f"{r['predicted_low_deg']:.2f} to {r['predicted_high_deg']:.2f}"
+                      for r in rows],
+        "simulated": [_optional(r["simulated_deg"], ".2f") for r in rows],
+        "sigma_num": [_optional(r["sigma_num_deg"], ".2f") for r in rows],
+        "modes": [r["mode"] for r in rows], "verdict": [r["verdict"] for r in rows],
+    })  # fmt: skip
+    lines += ["", f"{done[0]['stopped']}." if done else "No design was simulated.", ""]
+    return lines + [
+        f"{d['name']} (rank {d['rank']}): P_r {d['pillar_radius_um']:.2f}, P_g {d['gap_um']:.2f}, "
+        f"N_p {d['periodicity']}: {d['verdict']}" for d in done
+    ]  # fmt: skip
+
+
+def _optional(value: float | None, form: str) -> str:
+    return "–" if value is None else format(value, form)
+
+
 def _records(frame) -> list[dict]:
     return json.loads(frame.to_json(orient="records", double_precision=15))
 
@@ -498,23 +613,36 @@ def _parser() -> argparse.ArgumentParser:
                           help=f"deformation index of cell type {i}, 0 to 1")
         cell.add_argument(f"--set{i}", dest=f"stiffness_set_{i}", metavar="NAME",
                           help=f"stiffness set of cell type {i}, instead")
+        wanted.add_argument(f"--di{i}-std", type=float, dest=f"deformation_index_std_{i}",
+                            metavar="X", help=f"spread of it among cells of type {i}; default: the "
+                                              "calibration's for a stiffness set, else 0")
         _add_option(wanted, DesignRequest, f"radius_{i}_um", f"--r{i}")
     for key, kind in (("pillar_radius_um", float), ("gap_um", float), ("periodicity", int)):
         low, high = DesignRequest.model_fields[key].default
         wanted.add_argument(_option(key), type=kind, nargs=2, metavar=("LOW", "HIGH"),
                             help=f"bounds of the search; default {low:g} {high:g}")
-    for key in ("trials", "startup_trials", "candidates", "tolerance_um"):
+    for key in ("objective", "sampler", "trials", "startup_trials", "grid_steps", "draws",
+                "candidates", "tolerance_um", "height_tolerance_um", "pillar_aspect_ratio_max",
+                "lateral_separation_um"):
         _add_option(wanted, DesignRequest, key)
+    wanted.add_argument("--pressure-max-kpa", type=float, dest="pressure_max_kPa", metavar="kPa",
+                        help="largest pressure drop over the length which that takes; default: "
+                             "no limit")
     wanted.add_argument("--safety-distance-um", type=float, metavar="µm",
-                        default=Sweep.model_fields["safety_distance_um"].default,
-                        help="a gap must exceed P_r + this; default %(default)s")
+                        help="a gap must exceed P_r + this; default: the configuration's, or "
+                             f"{Sweep.model_fields['safety_distance_um'].default:g}")
     wanted.add_argument("--seed", type=int, default=1, metavar="N", help="default %(default)s")
-    wanted.add_argument("--results", type=Path, default=Path("results"), metavar="DIR",
-                        help="campaign whose surrogate and calibration are taken; default "
-                             "%(default)s")
-    for key in ("model", "card", "calibration"):
-        wanted.add_argument(f"--{key}", type=Path, metavar="FILE",
-                            help=f"{key} file, instead of the one in the results folder")
+    wanted.add_argument("--results", type=Path, metavar="DIR",
+                        help="folder with the runs, calibration, surrogate (and flows) of a "
+                             "campaign; default: the campaign that comes with the package")
+    wanted.add_argument("--verify", action="store_true",
+                        help="simulate both cell types in the best designs (minutes)")
+    wanted.add_argument("--output", type=Path, metavar="DIR",
+                        help="write tables there, and with --verify the designs' files; default "
+                             "with --verify: design-NAME")
+    wanted.add_argument("--request-name", default="request", metavar="NAME",
+                        help="name of files; default %(default)s")
+    _add_config(wanted)
 
     cases = _command(commands, "validate", run_validation, "cases beside reference values")
     cases.add_argument("cases", nargs="*", metavar="CASE", help="names of cases; default: all")

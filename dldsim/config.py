@@ -157,6 +157,9 @@ class Constriction(Section):
         min_length=1,
         description="streamwise positions of release, from the first possible one",
     )
+    fixed_velocity_mm_s: float | None = Field(
+        None, gt=0, description="mean velocity of a second design, all groups at it; null: none"
+    )
 
 
 class ConstrictionGroup(Section):

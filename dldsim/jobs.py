@@ -20,7 +20,6 @@ from dldsim.config import (
     Config,
     Constriction,
     ConstrictionGroup,
-    DesignRequest,
     Flow,
     Geometry,
     Numerics,
@@ -28,12 +27,9 @@ from dldsim.config import (
     Stiffness,
 )
 from dldsim.errors import DldsimError
-from dldsim.tables import COLUMNS, atomic_path, read_rows, read_table, write_csv, write_table
+from dldsim.tables import COLUMNS, atomic_path, read_rows, write_csv, write_table
 
 Progress = Callable[[str], None]
-
-RELEASE_DESIGN = "group-velocity"
-
 
 @contextlib.contextmanager
 def job_log(path: Path) -> Iterator[Progress]:
@@ -236,7 +232,7 @@ def _known_of_run(identifier: str, geometry: Geometry, settings: Mapping) -> dic
 def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,
                      crashes: Path, progress: Progress) -> None:
     """One constriction run: `row` of `constriction_runs`, and its `trajectory`."""
-    name, _ = campaign.parse_constriction(identifier)
+    name, _, design = campaign.parse_constriction(identifier)
     group = ConstrictionGroup(**settings["group"])
     channel = Constriction(**settings["constriction"])
     release = settings["release_position_um"]
@@ -249,10 +245,11 @@ def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajector
             Numerics(**settings["numerics"]), release_position_um=release, run_id=identifier,
             progress=progress,
         )  # fmt: skip
+        result.row["design"] = design
         write_constriction(result, row, trajectory, settings)
 
     def give_up(reason: str) -> None:
-        known = _known_of_constriction(identifier, name, settings)
+        known = _known_of_constriction(identifier, name, settings) | {"design": design}
         kind = "constriction_runs"
         write_table("constriction_trajectory", _empty("constriction_trajectory"), trajectory,
                     provenance(settings))
@@ -270,7 +267,7 @@ def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dic
         "stiffness_set": group.stiffness_set or "",
         **group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"}),
         "velocity_mm_s": group.velocity_mm_s,
-        "design": RELEASE_DESIGN,
+        "design": campaign.GROUP_VELOCITY,
         "release_position_um": settings["release_position_um"],
     }
 
@@ -280,75 +277,6 @@ def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -
     about = provenance(settings)
     write_table("constriction_trajectory", result.trajectory, trajectory, about)
     write_table("constriction_runs", [result.row], row, about)
-
-
-def _named_requests(requests: Iterable[DesignRequest], calibration) -> list[DesignRequest]:
-    """Requests with stiffness sets replaced by their index; `calibration` may be None."""
-    by_set = {}
-    if calibration is not None:
-        means = calibration.set_index("stiffness_set").deformation_index.drop("", errors="ignore")
-        by_set = means.dropna().to_dict()
-    return [request.with_deformation_indices(by_set) for request in requests]
-
-
-def search_designs(surrogate, requests: Iterable[DesignRequest], calibration,
-                   safety_distance_um: float, seed: int) -> tuple[Any, Any]:
-    """Designs and trials of all requests, as DataFrames; `calibration` is a DataFrame or None."""
-    import pandas as pd
-
-    from dldsim.design import search
-
-    found = [
-        search(
-            surrogate, request, safety_distance_um,
-            campaign.derive_seed(seed, f"design/{request.name}"),
-        )
-        for request in _named_requests(requests, calibration)
-    ]  # fmt: skip
-    designs, trials = zip(*found, strict=True)
-    return pd.concat(designs, ignore_index=True), pd.concat(trials, ignore_index=True)
-
-
-def regret_job(settings: Mapping, *, model: Path, card: Path, calibration: Path,
-               table: Path) -> None:
-    """Regret of TPE, random and exhaustive search on the surrogate, with a CSV twin."""
-    import pandas as pd
-
-    from dldsim import surrogate
-    from dldsim.design import regret
-
-    requests = [DesignRequest(**request) for request in settings["design_requests"]]
-    fitted = surrogate.load(model, card)
-    found = [
-        regret(
-            fitted, request, settings["safety_distance_um"],
-            campaign.derive_seed(settings["seed"], f"regret/{request.name}"),
-        )
-        for request in _named_requests(requests, read_table("calibration", calibration))
-    ]  # fmt: skip
-    kind = "search_regret"
-    rows = pd.concat(found, ignore_index=True) if found else _empty(kind)
-    write_table(kind, rows, table, provenance(settings, settings["seed"]))
-    write_csv(kind, table)
-
-
-def design_job(settings: Mapping, *, model: Path, card: Path, calibration: Path, designs: Path,
-               trials: Path) -> None:
-    """Search for the designs of all requests and write their tables with CSV twins."""
-    from dldsim import surrogate
-
-    requests = [DesignRequest(**request) for request in settings["design_requests"]]
-    about = provenance(settings, settings["seed"])
-    tables = [_empty("designs"), _empty("design_trials")]
-    if requests:
-        tables = search_designs(
-            surrogate.load(model, card), requests, read_table("calibration", calibration),
-            settings["safety_distance_um"], settings["seed"],
-        )  # fmt: skip
-    for kind, table, path in zip(("designs", "design_trials"), tables, (designs, trials),
-                                 strict=True):
-        write_table(kind, table, path, about)
-        write_csv(kind, path)
 
 
 def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,

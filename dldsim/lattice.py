@@ -331,12 +331,12 @@ _ROW = [np.uint64(q) * BLOCK for q in range(19)]
 
 
 @restrict
-def _collide(buf, first, force, velocity, parameters, inertia):
+def _collide(buf, force, velocity, at, to, parameters, inertia):
     """Collide BLOCK nodes in the buffer: two relaxation times, force after Guo et al. (2002).
 
-    ``buf``: 19 rows of populations, replaced by those after collision. From node ``first`` on:
-    ``force``, 3 rows, force density on the node beside the uniform one; ``velocity``, 3 rows,
-    filled, half the force included. Velocity is momentum over the reference density, as in He & Luo
+    ``buf``: 19 rows of populations, replaced by those after collision. ``force``, 3 rows from
+    ``at`` on: force density beside the uniform one; ``velocity``, 3 rows from ``to`` on: filled,
+    half the force included. Velocity is momentum over the reference density, as in He & Luo
     (1997), so that a steady flow is solenoidal whatever its pressure. Without ``inertia`` the
     equilibrium is linear, which gives the unsteady Stokes equations; with it, Navier-Stokes.
     Written out over the stencil so that the compiler turns it into straight vector code; the tests
@@ -390,13 +390,13 @@ def _collide(buf, first, force, velocity, parameters, inertia):
             + f17
             + f18
         )
-        Fx = forcex[first + i] + bodyx
+        Fx = forcex[at + i] + bodyx
         jx = f1 + f7 + f9 + f11 + f13 - f2 - f8 - f10 - f12 - f14 + half * Fx
         gx = omega_minus * jx + force_minus * Fx
-        Fy = forcey[first + i] + bodyy
+        Fy = forcey[at + i] + bodyy
         jy = f3 + f7 + f10 + f15 + f17 - f4 - f8 - f9 - f16 - f18 + half * Fy
         gy = omega_minus * jy + force_minus * Fy
-        Fz = forcez[first + i] + bodyz
+        Fz = forcez[at + i] + bodyz
         jz = f5 + f11 + f14 + f15 + f18 - f6 - f12 - f13 - f16 - f17 + half * Fz
         gz = omega_minus * jz + force_minus * Fz
         if inertia:
@@ -465,9 +465,9 @@ def _collide(buf, first, force, velocity, parameters, inertia):
         odd = half * omega_minus * (f17 - f18) - three * w2 * (gy - gz)
         buf[i + _R17] = f17 - even - odd
         buf[i + _R18] = f18 - even + odd
-        ux[first + i] = jx
-        uy[first + i] = jy
-        uz[first + i] = jz
+        ux[to + i] = jx
+        uy[to + i] = jy
+        uz[to + i] = jz
 
 
 def collision_parameters(
@@ -530,9 +530,13 @@ def stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, bu
     ``f``, ``f_new`` (20 * stride,), of which the last stride is work space: windows on the same
     memory, `lead` elements apart, in which the step leaves nothing of ``f``; or two arrays.
     ``force``, ``velocity`` (3 * stride,): force density beside the uniform one, and the velocity
-    that belongs to the state between streaming and collision; ``buf`` (20 * BLOCK,).
+    that belongs to the state between streaming and collision; either may be empty: no force, and
+    velocity not asked for. ``buf`` (26 * BLOCK,): work space, its last rows zero.
     """
-    forces, velocities = _components(force), _components(velocity)
+    spare = np.uint64(20) * BLOCK
+    forced, asked = np.uint64(len(force) > 0), np.uint64(len(velocity) > 0)
+    forces = _components(force if forced else buf[spare + np.uint64(3) * BLOCK :])
+    velocities = _components(velocity if asked else buf[spare : spare + np.uint64(3) * BLOCK])
     end = 19 * (len(f) // 20)
     _set_aside(f[:end], f[end:], streaming)
     blocks = np.uint64(len(streaming.patch_start)) - _ONE
@@ -540,8 +544,9 @@ def stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, bu
     for count in range(blocks):
         block = blocks - _ONE - count if backwards else count
         _gather(block, f, streaming, buf)
-        _collide(buf, block * BLOCK, forces, velocities, parameters, inertia)
-        _put(buf, block * BLOCK, f_new)
+        first = block * BLOCK
+        _collide(buf, forces, velocities, first * forced, first * asked, parameters, inertia)
+        _put(buf, first, f_new)
 
 
 @jit

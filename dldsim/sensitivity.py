@@ -59,9 +59,7 @@ def sobol(surrogate: Surrogate, runs: pd.DataFrame, seed: int) -> pd.DataFrame:
                 values[lead] = np.minimum(np.floor(low + u * (high - low + 1)), high)
             else:
                 values[lead] = low + u * (high - low)
-            known = data.drop_duplicates(lead).sort_values(lead)
-            for name in factor[1:]:
-                values[name] = np.interp(values[lead], known[lead], known[name])
+            values |= _followers(data, factor, lead, values[lead])
         return values
 
     def angle(unit: np.ndarray) -> np.ndarray:
@@ -86,24 +84,37 @@ def sobol(surrogate: Surrogate, runs: pd.DataFrame, seed: int) -> pd.DataFrame:
     return pd.DataFrame(table).assign(points=SOBOL_POINTS, inside_share=float(inside))
 
 
+def _followers(data: pd.DataFrame, factor: list[str], lead: str, values) -> dict[str, np.ndarray]:
+    """Values of the parameters that the runs tie to `lead`, by interpolation between the runs."""
+    known = data.drop_duplicates(lead).sort_values(lead)
+    return {name: np.interp(values, known[lead], known[name]) for name in factor if name != lead}
+
+
 def partial_dependence(surrogate: Surrogate, runs: pd.DataFrame) -> pd.DataFrame:
     """Predicted angle over pairs of inputs, a table of kind `partial_dependence`.
 
     At each point of a grid the two inputs are set and the others taken from every run in turn; the
     mean is over those combinations that lie inside the domain, null where none does (an average
-    over arrays that were never near the data would say nothing).
+    over arrays that were never near the data would say nothing). Parameters that determine each
+    other in the runs are set together.
     """
     data = learnable(runs)
     distinct = data[INPUTS].drop_duplicates()
+    axes = axes_of(data)
     parts = []
     for pair in PAIRS:
-        if (data[list(pair)].nunique() < 2).any():
+        tied = {name: factor for factor in axes for name in factor if name in pair}
+        if (data[list(pair)].nunique() < 2).any() or tied.get(pair[0]) is tied.get(pair[1]):
             continue
         grids = [_steps(data[name], name == "periodicity") for name in pair]
         first, second = (v.ravel() for v in np.meshgrid(*grids, indexing="ij"))
-        others = distinct.drop(columns=list(pair)).drop_duplicates()
+        moved = {*pair, *(name for factor in tied.values() for name in factor)}
+        others = distinct.drop(columns=list(moved)).drop_duplicates()
         frame = pd.concat([others] * len(first), ignore_index=True)
-        frame[pair[0]], frame[pair[1]] = (np.repeat(v, len(others)) for v in (first, second))
+        for name, values in zip(pair, (first, second), strict=True):
+            frame[name] = values = np.repeat(values, len(others))
+            for other, follows in _followers(data, tied.get(name, []), name, values).items():
+                frame[other] = follows
         at = [frame[name] for name in INPUTS]
         inside = surrogate.inside_domain(*at).reshape(len(first), -1)
         angle = surrogate.predict(*at).reshape(len(first), -1)

@@ -1,9 +1,11 @@
 """What moves the migration angle: analysis of variance and local stability of geometries.
 
 The simulation is deterministic, so the residual of an analysis of variance here is lack of fit of
-the model, not noise; p-values rank effects, they do not measure repeatability.
+the model, not noise; p-values rank effects, they do not measure repeatability. Angles come in
+modes, so that residuals are neither normal nor of one variance: `anova` gives beside each F test
+one with a heteroscedasticity-consistent covariance (HC3) and one by permutation, and
+`diagnostics` says how far the residuals are from what an F test assumes.
 """
-
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Any
@@ -27,11 +29,23 @@ MIN_RESIDUAL_DF = 5
 """Two-way interactions of the geometry enter the hierarchical model if as many are left."""
 ROBUST_SHARE = 0.15
 
+PERMUTATIONS = 999
+LEAST_COMPLETE = 0.8
+"""Share of the rows that geometries with all stiffness sets must hold for a permutation test."""
+
 Term = tuple[str, ...]
 
 
-def anova(frame: pd.DataFrame) -> pd.DataFrame:
+def anova(frame: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
     """Type II analysis of variance of the migration angle [deg²], a table of kind `anova`.
+
+    See `analyse`, which does it.
+    """
+    return analyse(frame, seed)[0]
+
+
+def analyse(frame: pd.DataFrame, seed: int = 1) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Tables of kinds `anova` and `anova_diagnostics`.
 
     Columns needed: those in NEEDED. Radius, gap and periodicity are categories, the deformation
     index a number. Three models: main effects; the source paper's interactions without main
@@ -39,6 +53,10 @@ def anova(frame: pd.DataFrame) -> pd.DataFrame:
     and, if the design allows, the two-way interactions of the geometry. Before each the rank of
     the design matrix is checked: aliased factors are named, merged into one joint factor
     ("a & b") and tested together; what cannot be tested has null numbers and a note.
+
+    Effect sizes are partial η² and partial ω² (Olejnik & Algina 2003, which corrects η² for the
+    degrees of freedom and may be slightly negative). `p_robust`: Wald test with the HC3 covariance.
+    `p_permutation`: see `_permutation`; `seed` is its.
 
     Raises DldsimError for missing columns, no usable rows or a constant response.
     """
@@ -49,7 +67,8 @@ def anova(frame: pd.DataFrame) -> pd.DataFrame:
         data[label] = data.groupby(members).ngroup()
     main = [(label,) for label in factors] + [(DEFORMATION,)] * has_index
     rows = [_row(model, term, note) for model in MODELS for term, note in notes]
-    rows += _fit("main_effects", data, main)
+    tests: list[dict[str, Any]] = []
+    rows += _fit("main_effects", data, main, tests, seed)
 
     slopes = [(DEFORMATION, label) for label in factors] if has_index else []
     if not slopes:
@@ -57,7 +76,7 @@ def anova(frame: pd.DataFrame) -> pd.DataFrame:
     elif _rank(data, [(DEFORMATION,), *slopes]) < 1 + _width(data, [(DEFORMATION,), *slopes]):
         rows.append(_row("seed_interactions", "all", "not estimable: the design is rank-deficient"))
     else:
-        rows += _fit("seed_interactions", data, slopes, SEED_NOTE)
+        rows += _fit("seed_interactions", data, slopes, tests, seed, SEED_NOTE)
 
     pairs = list(combinations(factors, 2))
     terms, left_out = _estimable(data, main, slopes + pairs)
@@ -67,9 +86,10 @@ def anova(frame: pd.DataFrame) -> pd.DataFrame:
         terms, unusable = _estimable(data, main, slopes)
         left_out += [item for item in unusable if item not in left_out]
     rows += [_row("hierarchical", _label(term), note) for term, note in left_out]
-    rows += _fit("hierarchical", data, terms)
+    rows += _fit("hierarchical", data, terms, tests, seed)
     order = {model: i for i, model in enumerate(MODELS)}
-    return pd.DataFrame(sorted(rows, key=lambda row: order[row["model"]]))
+    return (pd.DataFrame(sorted(rows, key=lambda row: order[row["model"]])),
+            pd.DataFrame(tests, columns=["model", "test", "statistic", "p_value", "meaning"]))
 
 
 def _usable(frame: pd.DataFrame) -> tuple[pd.DataFrame, list[tuple[str, str]]]:
@@ -87,7 +107,7 @@ def _usable(frame: pd.DataFrame) -> tuple[pd.DataFrame, list[tuple[str, str]]]:
             "or fill the column with the deformation index of each stiffness set."
         )
     numbers = [*GEOMETRY, DEFORMATION, ANGLE]
-    data = pd.DataFrame(index=frame.index)
+    data = pd.DataFrame({"stiffness_set": frame["stiffness_set"].astype(str)})
     for name in numbers:
         try:
             data[name] = pd.to_numeric(frame[name]).astype(float)
@@ -208,15 +228,20 @@ def _label(term: Term) -> str:
     return term[0] if len(term) == 1 else ":".join(f"({n})" if "&" in n else n for n in term)
 
 
+NUMBERS = ["sum_sq", "df", "f_value", "p_value", "partial_eta_sq", "partial_omega_sq", "p_robust",
+           "p_permutation"]
+
+
 def _row(model: str, term: str, note: str = "", **numbers: float) -> dict[str, Any]:
-    empty = dict.fromkeys(["sum_sq", "df", "f_value", "p_value", "partial_eta_sq"], np.nan)
-    return {"model": model, "term": term} | empty | numbers | {"note": note}
+    return {"model": model, "term": term} | dict.fromkeys(NUMBERS, np.nan) | numbers | {
+        "note": note}
 
 
 def _fit(
-    model: str, data: pd.DataFrame, terms: Sequence[Term], note: str = ""
+    model: str, data: pd.DataFrame, terms: Sequence[Term], tests: list[dict[str, Any]], seed: int,
+    note: str = "",
 ) -> list[dict[str, Any]]:
-    """Rows of one model of full rank: Type II sums of squares by statsmodels."""
+    """Rows of one model of full rank: Type II sums of squares by statsmodels; adds to `tests`."""
     if not terms:
         return [_row(model, "all", "no factor has an effect that can be estimated")]
     residual_df = len(data) - _rank(data, terms)
@@ -230,18 +255,132 @@ def _fit(
     code = {n: v if n == DEFORMATION else f"C({v})" for n, v in names.items()}
     formula = "y ~ " + " + ".join(":".join(code[name] for name in term) for term in terms)
     fit = ols(formula, data.rename(columns=names | {ANGLE: "y"})).fit()
+    table = anova_lm(fit, typ=2)
+    labels = {term: ":".join(code[name] for name in term) for term in terms}
     exact = fit.ssr <= 1e-12 * fit.centered_tss
+    robust = None
     if exact:
         note = "; ".join(filter(None, [note, "the model fits exactly: F is not defined"]))
-    table = anova_lm(fit, typ=2)
+    else:
+        leverage = fit.get_influence().hat_matrix_diag.max()
+        if leverage < 1 - 1e-8:  # HC3 divides by (1 − leverage)²
+            robust = anova_lm(fit, typ=2, robust="hc3")
+        tests += [{"model": model} | test for test in _diagnostics(fit, data, float(leverage))]
+    permuted = {} if exact else _permutation(data, terms, seed)
     rows = []
     for term in terms:
-        found = table.loc[":".join(code[name] for name in term)]
-        tested = {} if exact else {"f_value": found["F"], "p_value": found["PR(>F)"]}
+        found = table.loc[labels[term]]
+        tested = {}
+        if not exact:
+            error = fit.ssr / residual_df
+            tested = {
+                "f_value": found["F"], "p_value": found["PR(>F)"],
+                "partial_omega_sq": (found["sum_sq"] - found["df"] * error)
+                / (found["sum_sq"] + (len(data) - found["df"]) * error),
+                "p_robust": np.nan if robust is None else robust.loc[labels[term], "PR(>F)"],
+                "p_permutation": permuted.get(term, np.nan),
+            }
         rows.append(_row(model, _label(term), note, sum_sq=found["sum_sq"], df=found["df"],
                          partial_eta_sq=found["sum_sq"] / (found["sum_sq"] + fit.ssr), **tested))
     return [*rows, _row(model, "residual", "lack of fit of the model: the simulation has no noise",
                         sum_sq=fit.ssr, df=float(residual_df))]
+
+
+def _diagnostics(fit, data: pd.DataFrame, leverage: float) -> list[dict[str, Any]]:
+    """What the residuals [deg] of a fitted model are like."""
+    from scipy.stats import kurtosis, shapiro, skew
+    from statsmodels.stats.diagnostic import het_breuschpagan
+
+    residual = fit.resid.to_numpy()
+    rows = []
+
+    def add(test: str, statistic: float, p_value: float, meaning: str) -> None:
+        rows.append({"test": test, "statistic": float(statistic), "p_value": float(p_value),
+                     "meaning": meaning})
+
+    none = np.nan
+    add("rows", len(residual), none, "rows analysed")
+    add("R²", fit.rsquared, none, "share of the variance that the model explains")
+    add("adjusted R²", fit.rsquared_adj, none, "the same, corrected for degrees of freedom")
+    add("residual standard deviation [°]", np.sqrt(fit.mse_resid), none, "lack of fit")
+    add("largest leverage", leverage, none, "1: one row determines a coefficient, no HC3 then")
+    if len(residual) <= 5000:
+        w, p = shapiro(residual)
+        add("Shapiro–Wilk W", w, p, "1 for normal residuals; small p: they are not normal")
+    add("skewness", skew(residual), none, "0 for normal residuals")
+    add("excess kurtosis", kurtosis(residual), none, "0 for normal residuals, larger: heavy tails")
+    lm, p, *_ = het_breuschpagan(residual, fit.model.exog)
+    add("Breusch–Pagan LM", lm, p, "small p: the residual variance depends on the factors")
+    add("correlation within geometry", _intraclass(residual, data), none,
+        "0: rows of one geometry are as good as independent; near 1: they count as one")
+    return rows
+
+
+def _intraclass(residual: np.ndarray, data: pd.DataFrame) -> float:
+    """Intraclass correlation ICC(1) of residuals within geometries, null without repetitions."""
+    parts = [p.to_numpy() for _, p in pd.Series(residual, data.index).groupby(
+        [data[name] for name in GEOMETRY])]
+    counts = np.array([len(p) for p in parts])
+    if len(parts) < 2 or counts.sum() == len(parts):
+        return np.nan
+    size = (counts.sum() - (counts**2).sum() / counts.sum()) / (len(parts) - 1)
+    means = np.array([p.mean() for p in parts])
+    between = (counts * (means - residual.mean()) ** 2).sum() / (len(parts) - 1)
+    within = sum(((p - p.mean()) ** 2).sum() for p in parts) / (counts.sum() - len(parts))
+    total = between + (size - 1) * within
+    return float((between - within) / total) if total > 0 else np.nan
+
+
+def _permutation(data: pd.DataFrame, terms: Sequence[Term], seed: int) -> dict[Term, float]:
+    """p-value of each term by permutation of residuals (Freedman & Lane 1983).
+
+    The residuals of the model without the term (and without what contains it) are permuted and put
+    back on its fit. Rows of one geometry share most of their lack of fit, hence what is permuted
+    are whole geometries, with all their stiffness sets; for the deformation index alone, the sets
+    within each geometry. Only geometries with all sets take part; empty where they hold less than
+    LEAST_COMPLETE of the rows, or are fewer than five.
+    """
+    sets = data["stiffness_set"].nunique()
+    group = data.groupby(GEOMETRY).ngroup()
+    complete = (group.map(group.value_counts()) == sets) & (
+        data.groupby(group)["stiffness_set"].transform("nunique") == sets)
+    work = data[complete].assign(group=group[complete])
+    work = work.sort_values(["group", "stiffness_set"]).reset_index(drop=True)
+    count = len(work) // sets
+    if count < 5 or len(work) < LEAST_COMPLETE * len(data):
+        return {}
+    rng = np.random.default_rng(seed)
+    y = work[ANGLE].to_numpy()
+    full = _basis(work, terms)
+    if full.shape[1] >= len(work):
+        return {}
+    whole = np.argsort(rng.random((PERMUTATIONS, count)), axis=1)
+    blocks = (whole[:, :, None] * sets + np.arange(sets)).reshape(PERMUTATIONS, -1)
+    within = np.argsort(rng.random((PERMUTATIONS, count, sets)), axis=2)
+    swaps = (np.arange(count)[:, None] * sets + within).reshape(PERMUTATIONS, -1)
+    found = {}
+    for term in terms:
+        kept = [t for t in terms if not set(term) <= set(t)]
+        beside = _basis(work, [*kept, term])  # Type II: what contains the term is left out of both
+        less = _basis(work, kept)
+        if term == (DEFORMATION,) and sets < 2:
+            continue
+        fitted = less @ (less.T @ y)
+        order = swaps if term == (DEFORMATION,) else blocks
+        sample = np.vstack([y, fitted + (y - fitted)[order]]).T
+        gain = ((beside.T @ sample) ** 2).sum(axis=0) - ((less.T @ sample) ** 2).sum(axis=0)
+        rest = (sample**2).sum(axis=0) - ((full.T @ sample) ** 2).sum(axis=0)
+        ratio = gain / np.maximum(rest, 1e-300)
+        found[term] = float((1 + (ratio[1:] >= ratio[0] * (1 - 1e-9)).sum()) / (1 + PERMUTATIONS))
+    return found
+
+
+def _basis(data: pd.DataFrame, terms: Sequence[Term]) -> np.ndarray:
+    """Orthonormal columns that span the design of these terms and the intercept."""
+    matrix = np.hstack([np.ones((len(data), 1)), *(_columns(data, term) for term in terms)])
+    left, size, _ = np.linalg.svd(matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300),
+                                  full_matrices=False)
+    return left[:, size > 1e-10 * size[0]]
 
 
 def robustness(frame: pd.DataFrame) -> pd.DataFrame:

@@ -120,6 +120,10 @@ CASES = {
         "Cell in a constriction, channel inferred", "cell", "validation_cell.constriction_shape",
         "source paper, table of the constriction validation",
     ),
+    "left-out": Case(
+        "What scenes do without", "scenes", "validation_scenes.left_out",
+        "the same scene with what was left out",
+    ),
 }  # fmt: skip
 
 

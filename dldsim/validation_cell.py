@@ -383,7 +383,10 @@ def _positions(
         part = parts[round(row["position"])]
         seen = row["diameter_d_um"], row["diameter_h_um"]
         at = nearest_shape(d[part], h[part], *seen)
-        note = f"{x[part][at]:+.1f} µm from the middle of the throat"
+        note = (
+            f"{x[part][at]:+.1f} µm from the middle of the throat; area on the way at most "
+            f"{path['area_ratio'].max() - 1:+.0%}"
+        )
         for axis, value, reference in zip("DH", (d[part][at], h[part][at]), seen, strict=True):
             yield Comparison(
                 f"diameter {axis}", float(value), reference, mark, "µm", name, row["position"],

@@ -174,7 +174,7 @@ def draw_stretching(validation: pd.DataFrame) -> Figure:
     lines = dict(zip(variants, ("-", "--", ":"), strict=False))
     for quantity, colour in (("axial diameter", "#0072B2"), ("transverse diameter", "#D55E00")):
         part = table[table["quantity"] == quantity]
-        seen = part[part["variant"] == variants[-1]]
+        seen = part[part["mark"].notna()].drop_duplicates("parameter", keep="last")
         panel.errorbar(seen["parameter"], seen["reference"], seen["reference"] * seen["mark"],
                        fmt="o", color=colour, capsize=3, markersize=4, linewidth=1)
         for variant in variants:

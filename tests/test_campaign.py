@@ -26,10 +26,10 @@ def test_run_id_is_its_own_inverse(geometry, name):
     assert campaign.parse_geometry(campaign.geometry_id(geometry)) == geometry
 
 
-@given(names, st.integers(0, 99))
-def test_constriction_id_is_its_own_inverse(group, position):
-    text = campaign.constriction_id(group, position)
-    assert campaign.parse_constriction(text) == (group, position)
+@given(names, st.integers(0, 99), st.sampled_from(["group-velocity", "fixed-velocity"]))
+def test_constriction_id_is_its_own_inverse(group, position, design):
+    text = campaign.constriction_id(group, position, design)
+    assert campaign.parse_constriction(text) == (group, position, design)
 
 
 def test_run_id_looks_as_documented():
@@ -79,8 +79,11 @@ def test_paper_ties_gap_to_radius():
 
 
 def test_constrictions_count_groups_and_positions():
-    config = read_config(CONFIG, {"constriction": {"release_positions_um": [0, 5]}})
-    assert len(campaign.constrictions(config)) == 14
+    channel = {"release_positions_um": [0, 5], "fixed_velocity_mm_s": 2.0}
+    config = read_config(CONFIG, {"constriction": channel})
+    assert len(campaign.constrictions(config)) == len(set(campaign.constrictions(config))) == 28
+    alone = read_config(CONFIG, {"constriction": channel | {"fixed_velocity_mm_s": None}})
+    assert len(campaign.constrictions(alone)) == 14
 
 
 def test_seeds_differ_by_name_and_repeat():

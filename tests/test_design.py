@@ -7,8 +7,17 @@ import pytest
 from test_surrogate import make_runs
 
 from dldsim import surrogate
-from dldsim.config import DesignRequest
-from dldsim.design import regret, search, squeezed_width_um, violations
+from dldsim.config import DesignRequest, Device, Flow
+from dldsim.design import (
+    Chip,
+    Resistance,
+    Task,
+    regret,
+    search,
+    squeezed_width_um,
+    transition_geometries,
+    violations,
+)
 from dldsim.errors import DldsimError
 
 
@@ -17,14 +26,21 @@ class Known:
 
     deformation_index_range = (0.3, 0.9)
 
-    def __init__(self, angle, rmse=0.1, outside=lambda r, g, n: 0.0, sigma=None):
-        self.angle, self.rmse_deg, self.outside, self.sigma = angle, rmse, outside, sigma
+    def __init__(self, angle, half=0.1, outside=lambda r, g, n: 0.0, sigma=None):
+        self.angle, self.half, self.outside, self.sigma = angle, half, outside, sigma
 
     def predict(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
         values = np.broadcast_arrays(
             *(np.atleast_1d(np.asarray(v, float)) for v in (
                 pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)))
         return np.asarray(self.angle(*values), float)
+
+    def predict_interval(self, *at):
+        angle = self.predict(*at)
+        return angle - self.half, angle + self.half
+
+    def inside_domain(self, radius, gap, periodicity, index, cell):
+        return np.atleast_1d(self.outside(radius, gap, periodicity) <= 0.02)
 
     def sigma_num_deg(self, angle_deg, periodicity):
         return None if self.sigma is None else np.full(len(periodicity), self.sigma)
@@ -36,6 +52,15 @@ class Known:
         return self.outside(pillar_radius_um, gap_um, periodicity)
 
 
+CHIP = Chip(Flow(), Device(), 2.0)
+
+
+def found(surrogate, request, seed, safety=2.0, **changes):
+    """Candidates and trials of a search."""
+    chip = CHIP._replace(safety_distance_um=safety, **changes)
+    return search(surrogate, request, chip, seed)[:2]
+
+
 def hill(r, g, n, d, cell):
     """One smooth summit of the separation at P_r 7, P_g 17, N_p 8."""
     return 10 * d * np.exp(-((r - 7) ** 2) / 4 - (g - 17) ** 2 / 9 - (n - 8) ** 2 / 8)
@@ -45,11 +70,12 @@ def ask(**changes):
     return DesignRequest(**{
         "name": "test", "deformation_index_1": 0.5, "deformation_index_2": 0.8,
         "pillar_radius_um": (5, 10), "gap_um": (14, 22), "periodicity": (4, 12), "trials": 80,
+        "objective": "separation",
     } | changes)
 
 
 def test_search_finds_what_the_grid_finds():
-    designs, trials = search(Known(hill), ask(), 2.0, seed=1)
+    designs, trials = found(Known(hill), ask(), seed=1, safety=2.0)
     grid = product(np.linspace(5, 10, 11), np.linspace(14, 22, 9), range(4, 13))
     best = max(0.3 * hill(r, g, n, 1.0, 7.5) for r, g, n in grid)
     first = designs.iloc[0]
@@ -60,14 +86,14 @@ def test_search_finds_what_the_grid_finds():
 
 
 def test_same_seed_same_designs():
-    a, b = (search(Known(hill), ask(trials=40), 2.0, seed=7)[0] for _ in range(2))
+    a, b = (found(Known(hill), ask(trials=40), seed=7, safety=2.0)[0] for _ in range(2))
     assert a.equals(b)
 
 
 def test_infeasible_geometry_is_never_ranked():
     """The separation grows towards the forbidden corner."""
     tempting = Known(lambda r, g, n, d, cell: d * (r - g + 30))
-    designs, trials = search(tempting, ask(gap_um=(8, 22)), 5.0, seed=2)
+    designs, trials = found(tempting, ask(gap_um=(8, 22)), seed=2, safety=5.0)
     assert (designs["gap_um"] > designs["pillar_radius_um"] + 5).all()
     assert (designs["gap_um"] >= squeezed_width_um(7.5, 0.5)).all()
     bad = trials[~trials["feasible"]]
@@ -86,7 +112,7 @@ def test_gap_must_pass_the_larger_cell():
 
 
 def test_ranks_are_ordered_and_candidates_distinct():
-    designs, _ = search(Known(hill), ask(candidates=6, tolerance_um=0.8), 2.0, seed=3)
+    designs, _ = found(Known(hill), ask(candidates=6, tolerance_um=0.8), seed=3, safety=2.0)
     assert designs["rank"].tolist() == list(range(1, len(designs) + 1))
     assert (np.diff(designs["separation_deg"]) <= 0).all()
     for (_, a), (_, b) in product(designs.iterrows(), repeat=2):
@@ -100,7 +126,7 @@ def test_ranks_are_ordered_and_candidates_distinct():
 def test_tolerance_of_a_plane_by_hand():
     """Separation 0.3 (r + 2 g): ± 0.5 µm on both is ± 0.45°."""
     plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g))
-    row = search(plane, ask(trials=20), 2.0, seed=1)[0].iloc[0]
+    row = found(plane, ask(trials=20), seed=1, safety=2.0)[0].iloc[0]
     assert row["separation_tolerance_min_deg"] == pytest.approx(row["separation_deg"] - 0.45)
     assert row["separation_tolerance_max_deg"] == pytest.approx(row["separation_deg"] + 0.45)
     assert row["uncertainty_deg"] == pytest.approx(0.1 * 2**0.5)
@@ -122,21 +148,21 @@ def test_reversed_order_within_the_tolerance_is_negative():
 )
 def test_verdict_is_honest(rmse, outside, words):
     plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g), rmse, lambda r, g, n: outside)
-    row = search(plane, ask(trials=20), 2.0, seed=1)[0].iloc[0]
+    row = found(plane, ask(trials=20), seed=1, safety=2.0)[0].iloc[0]
     assert all(word in row["verdict"] for word in words)
     assert row["inside_training_domain"] == (outside == 0)
 
 
 def test_sharp_optimum_is_called_not_robust():
     spike = Known(lambda r, g, n, d, cell: 10 * d * (abs(r - 7) < 0.2))
-    row = search(spike, ask(), 2.0, seed=1)[0].iloc[0]
+    row = found(spike, ask(), seed=1, safety=2.0)[0].iloc[0]
     assert row["separation_deg"] == pytest.approx(3) and row["verdict"].startswith("not robust")
 
 
 def test_designs_inside_the_training_domain_come_first():
     """The separation grows outwards, but nothing is known beyond a gap of 18 µm."""
     tempting = Known(lambda r, g, n, d, cell: d * g, outside=lambda r, g, n: max(0.0, g - 18) / 8)
-    designs, _ = search(tempting, ask(), 2.0, seed=1)
+    designs, _ = found(tempting, ask(), seed=1, safety=2.0)
     inside = designs["inside_training_domain"].tolist()
     assert inside[0] and inside == sorted(inside, reverse=True)
 
@@ -153,7 +179,7 @@ def test_designs_inside_the_training_domain_come_first():
 )
 def test_impossible_requests_are_refused(changes, words):
     with pytest.raises(DldsimError) as error:
-        search(Known(hill), ask(**changes), 2.0, seed=1)
+        found(Known(hill), ask(**changes), seed=1, safety=2.0)
     assert all(word in str(error.value) for word in words)
 
 
@@ -166,23 +192,23 @@ def test_real_surrogate_separates_soft_from_stiff():
     """Cells of equal radius and of equal deformation index: both kinds of request."""
     fitted = surrogate.fit(make_runs(), seed=1)
     soft = ask(deformation_index_1=0.5, deformation_index_2=0.78, periodicity=(4, 10), trials=40)
-    row = search(fitted, soft, 2.0, seed=1)[0].iloc[0]
+    row = found(fitted, soft, seed=1, safety=2.0)[0].iloc[0]
     assert row["inside_training_domain"] and row["angle_1_deg"] > row["angle_2_deg"]
     sizes = ask(deformation_index_2=0.5, radius_1_um=6, radius_2_um=9, periodicity=(4, 10),
                 trials=40)
-    row = search(fitted, sizes, 2.0, seed=1)[0].iloc[0]
+    row = found(fitted, sizes, seed=1, safety=2.0)[0].iloc[0]
     assert row["angle_2_deg"] > row["angle_1_deg"]
     # the same request with every length halved is the same device
     half = ask(deformation_index_2=0.5, radius_1_um=3, radius_2_um=4.5, periodicity=(4, 10),
                trials=40, pillar_radius_um=(2.5, 5), gap_um=(7, 11))
-    assert search(fitted, half, 1.0, seed=1)[0].iloc[0]["separation_deg"] == pytest.approx(
+    assert found(fitted, half, seed=1, safety=1.0)[0].iloc[0]["separation_deg"] == pytest.approx(
         row["separation_deg"], rel=0.05)
 
 
 def test_designs_closer_than_their_uncertainty_share_a_rank():
     """σ_num of an angle 0.1°: of a separation 0.1 √2, of a difference of separations 0.2°."""
     plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g), sigma=0.1)
-    designs, _ = search(plane, ask(candidates=8, periodicity=(8, 8)), 2.0, seed=1)
+    designs, _ = found(plane, ask(candidates=8, periodicity=(8, 8)), seed=1, safety=2.0)
     rows = designs.to_dict("records")
     assert designs["sigma_num_deg"].to_numpy() == pytest.approx(0.1 * 2**0.5)
     assert designs["uncertainty_deg"].to_numpy() == pytest.approx((2 * 0.1**2 + 0.02) ** 0.5)
@@ -198,7 +224,7 @@ def test_designs_closer_than_their_uncertainty_share_a_rank():
 
 
 def test_unstudied_uncertainty_is_said_and_ranks_as_before():
-    designs, _ = search(Known(hill), ask(), 2.0, seed=3)
+    designs, _ = found(Known(hill), ask(), seed=3, safety=2.0)
     assert designs["sigma_num_deg"].isna().all()
     assert designs["verdict"].str.contains("numerical uncertainty not studied").all()
     assert designs["rank"].is_unique
@@ -206,7 +232,7 @@ def test_unstudied_uncertainty_is_said_and_ranks_as_before():
 
 def test_regret_of_a_known_hill():
     """Never negative, falls with the evaluations, and the finest grid finds the summit."""
-    table = regret(Known(hill), ask(trials=40), 2.0, seed=1)
+    table = regret(Known(hill), ask(trials=40), CHIP._replace(safety_distance_um=2.0), seed=1)
     assert (table["regret_deg"] >= 0).all() and table["regret_deg"].min() == 0
     for _, part in table[table["method"] != "grid"].groupby(["method", "repeat"]):
         assert part["evaluations"].is_monotonic_increasing
@@ -221,5 +247,5 @@ def test_regret_of_a_known_hill():
 def test_regret_counts_only_what_may_be_built_and_is_known():
     """Beyond a gap of 18 µm nothing is known, and no pillar may exceed the gap less 5 µm."""
     tempting = Known(lambda r, g, n, d, cell: d * g, outside=lambda r, g, n: max(0.0, g - 18) / 8)
-    table = regret(tempting, ask(trials=20), 5.0, seed=1)
+    table = regret(tempting, ask(trials=20), CHIP._replace(safety_distance_um=5.0), seed=1)
     assert table["best_deg"].max() <= 0.3 * (18 + 8 * 0.02) + 1e-9

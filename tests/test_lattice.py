@@ -147,6 +147,19 @@ def test_streaming_equals_its_loop_form(walls, interpolated):
 
 
 @pytest.mark.parametrize("walls", [False, True], ids=["periodic", "plates"])
+def test_a_step_does_without_force_and_velocity(walls):
+    given, nothing = (make_fluid(porous_box(walls, True)[0]) for _ in range(2))
+    f = nodes_of(given.f, given.lattice)[:19]
+    f[:] = np.random.default_rng(4).normal(size=f.shape)
+    nothing.f[:] = given.f
+    nothing.force = nothing.velocity = np.zeros(0)
+    step(given)
+    step(nothing)
+    after = (nodes_of(fluid.f_new, fluid.lattice)[:19] for fluid in (given, nothing))
+    assert np.array_equal(*after)
+
+
+@pytest.mark.parametrize("walls", [False, True], ids=["periodic", "plates"])
 def test_streaming_with_half_way_bounce_back_is_a_permutation(walls):
     lattice, _ = porous_box(walls, interpolated=False)
     fluid = make_fluid(lattice)

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim import surrogate
+from dldsim import regressors, surrogate
 from dldsim.errors import DldsimError
-from dldsim.surrogate import BASELINE, FEATURES, REPEATS, SURROGATE
+from dldsim.regressors import BASELINE, CURVE, FEATURES, GEOMETRY, INPUTS, REPEATS, SURROGATE
 
 
 def bump_or_zigzag(r, g, n, d):
@@ -38,14 +38,16 @@ def fitted():
 
 @pytest.fixture(scope="module")
 def benchmarked():
-    return surrogate.benchmark(make_runs(), seed=3)
+    return regressors.benchmark(make_runs(), seed=3)
 
 
 def test_features_by_hand():
-    x = dict(zip(FEATURES, surrogate.features(5, 20, 10, 0.6, 7.5)[0], strict=True))
-    assert x["pillar_radius_over_cell_radius"] == pytest.approx(2 / 3)
-    assert x["row_shift_fraction"] == pytest.approx(0.1)
-    assert x["critical_diameter_over_cell_diameter"] == pytest.approx(28 * 0.1**0.48 / 15)
+    x = dict(zip(FEATURES, regressors.features(5, 20, 10, 0.6, 7.5)[0], strict=True))
+    assert np.exp(x["log_size_over_critical_diameter"]) == pytest.approx(15 / (28 * 0.1**0.48))
+    assert np.exp(x["log_confinement"]) == pytest.approx(0.75)
+    assert np.exp(x["log_periodicity"]) == pytest.approx(10)
+    assert np.exp(x["log_pillar_radius_over_cell_radius"]) == pytest.approx(2 / 3)
+    assert np.exp(x["log_gap_over_pillar_diameter"]) == pytest.approx(2)
     assert x["bump_angle_deg"] == pytest.approx(5.7106, abs=1e-4)
 
 
@@ -57,8 +59,18 @@ def test_only_ratios_of_lengths_matter(fitted):
 
 def test_every_row_is_held_out_once_a_repeat(benchmarked):
     _, predictions = benchmarked
-    counts = predictions.groupby(["model", "split", "run_id"]).size()
-    assert (counts == REPEATS).all() and len(counts) == 7 * 2 * 81
+    counts = predictions.groupby(["split", "model", "run_id"]).size().groupby("split")
+    assert counts.size().to_dict() == dict.fromkeys(regressors.SPLITS, 9 * 81)
+    assert counts.agg(["min", "max"]).T.to_dict() == {
+        "random": {"min": REPEATS, "max": REPEATS}, "geometry": {"min": REPEATS, "max": REPEATS},
+        "stiffness": {"min": 1, "max": 1}}
+
+
+def test_split_by_stiffness_keeps_sets_whole(benchmarked):
+    one = benchmarked[1].query("model == 'linear' and split == 'stiffness'")
+    assert (one.groupby("fold")["run_id"].agg(lambda r: r.str[-2:].nunique()) == 1).all()
+    alone = regressors.benchmark(make_runs(indices=(0.5,)), seed=3)[0]
+    assert set(alone["split"]) == {"random", "geometry"}
 
 
 def test_split_by_geometry_keeps_arrays_whole(benchmarked):
@@ -83,8 +95,22 @@ def test_scores_are_those_of_the_predictions(benchmarked):
 
 def test_learners_beat_the_rule_that_learns_nothing(benchmarked):
     rmse = benchmarked[0].groupby(["split", "model"])["rmse_deg"].mean()
-    assert rmse["geometry", SURROGATE] < 0.5 * rmse["geometry", "linear"]
+    assert rmse["geometry", SURROGATE] < rmse["geometry", "XGBoost"] < rmse["geometry", "linear"]
     assert rmse["geometry", "linear"] < rmse["geometry", BASELINE]
+    assert rmse["geometry", CURVE] < 0.5 * rmse["geometry", "linear"]
+
+
+def test_nested_search_never_sees_the_test_rows():
+    """Angles of the held-out rows are not passed on: changing them changes no prediction."""
+    runs = make_runs()
+    x, y = regressors.inputs_and_angles(runs)
+    groups = regressors.groups_of(runs, "geometry")
+    train, test = next(regressors.folds_of(groups, 5, 1))
+    assert not set(groups[train]) & set(groups[test])
+    prototype, grid = regressors.make_regressors(1)["XGBoost"]
+    model, held_out = regressors.tune(prototype, grid, x[train], y[train], groups[train], 1)
+    assert np.isfinite(held_out).all() and held_out.shape == (len(train),)
+    assert {k: model.get_params()[k] for k in grid[0]} in grid
 
 
 def test_random_split_flatters_what_only_remembers():
@@ -93,10 +119,10 @@ def test_random_split_flatters_what_only_remembers():
     angle = {key: draw.normal() for key in product((5.0, 7.5, 10.0), (14.0, 18.0, 22.0),
                                                    (4, 6, 10))}
     runs = make_runs(lambda r, g, n, d: angle[r, g, n])
-    forest = {"forest": surrogate.make_regressors(1)["random forest"]}
+    forest = {"forest": regressors.make_regressors(1)["random forest"]}
     error = {
         split: np.mean([fold["rmse_deg"] for fold in
-                        surrogate._cross_validate(runs, forest, split, 1)[0]])
+                        regressors.cross_validate(runs, forest, split, 1)[0]])
         for split in ("random", "geometry")
     }
     assert 2 * error["random"] < error["geometry"]
@@ -104,15 +130,112 @@ def test_random_split_flatters_what_only_remembers():
 
 def test_rule_by_hand():
     """2R = 15 µm: D_c = 14.4 µm at gap 20, N_p 4 bumps; 15.8 µm at gap 22 does not."""
-    x = np.vstack([surrogate.features(5, g, 4, 0.5, 7.5) for g in (20, 22)])
-    assert surrogate.CriticalDiameterRule().predict(x) == pytest.approx([14.0362, 0], abs=1e-4)
+    x = np.vstack([regressors.features(5, g, 4, 0.5, 7.5) for g in (20, 22)])
+    assert regressors.CriticalDiameterRule().predict(x) == pytest.approx([14.0362, 0], abs=1e-4)
+
+
+def test_share_and_angle_are_inverse():
+    assert regressors.share_of(np.degrees(np.arctan(1 / 6)), 6) == pytest.approx(1)
+    angle = np.array([-0.1, 0.0, 2.0, 9.0])
+    assert regressors.angle_of(regressors.share_of(angle, 6), 6) == pytest.approx(angle)
+
+
+def test_curve_recovers_a_known_transition():
+    """Runs drawn from the curve itself, finely: the same shares come back."""
+    made = regressors.TwoLimitCurve()
+    made.coefficients = np.array([-0.5, 6.0, 0.5, 0.3, -1.0, 0.2])
+    made.centre, made.scale = np.array([0.5, 2.0, -0.1, 0.65, -0.2]), np.ones(5)
+    runs = make_runs()
+    x, _ = regressors.inputs_and_angles(runs)
+    truth = made.predict(x)
+    found = regressors.TwoLimitCurve(penalty=1e-9).fit(x, truth)
+    assert found.predict(x) == pytest.approx(truth, abs=1e-3)
+    again = regressors.TwoLimitCurve.from_state(json.loads(json.dumps(found.state())))
+    assert np.array_equal(again.predict(x), found.predict(x))
+
+
+def test_both_limits_hold_whatever_the_input(fitted):
+    rng = np.random.default_rng(4)
+    r, g, n = rng.uniform(1, 60, 500), rng.uniform(1, 200, 500), rng.integers(2, 60, 500)
+    share = fitted.share(r, g, n, rng.uniform(0, 1, 500), 7.5)
+    assert ((share >= 0) & (share <= 1)).all()
+    angle = fitted.predict(r, g, n, 0.6, 7.5)
+    assert ((angle >= 0) & (angle <= np.degrees(np.arctan(1 / n)) + 1e-9)).all()
+    # far beyond the data: a cell twice as wide as the gap bumps, a speck does not
+    assert fitted.share(7.5, 7.5, 10, 0.6, 7.5) > 0.95 and fitted.share(7.5, 90, 6, 0.6, 7.5) < 0.05
+
+
+def test_surrogate_recovers_the_transition(fitted):
+    """Arrays between those learnt from, against the law that made the runs."""
+    rng = np.random.default_rng(9)
+    r, g, n = rng.uniform(5, 10, 200), rng.uniform(14, 22, 200), rng.integers(4, 11, 200)
+    d = rng.uniform(0.5, 0.78, 200)
+    truth = np.array([bump_or_zigzag(*at) for at in zip(r, g, n, d, strict=True)])
+    error = np.abs(fitted.predict(r, g, n, d, 7.5) - truth)
+    assert np.median(error) < 0.3 and 1 - np.var(error) / np.var(truth) > 0.95
+
+
+def test_conformal_factor_by_hand():
+    """Three geometries and the unknown one weigh a quarter each."""
+    scores = [[0.1, 0.2], [0.3], [0.4]]
+    assert surrogate.conformal_factor(scores, 0.25) == 0.2
+    assert surrogate.conformal_factor(scores, 0.5) == 0.3
+    assert surrogate.conformal_factor(scores, 0.75) == 0.4
+    assert surrogate.conformal_factor(scores, 0.76) == np.inf
+
+
+@pytest.mark.parametrize("level", [0.5, 0.8, 0.9])
+def test_conformal_coverage_on_clustered_noise(level):
+    """Geometries with a common error: pooling all rows as if independent would cover too little."""
+    rng = np.random.default_rng(2)
+
+    def geometry():
+        return np.abs(rng.normal() + 0.3 * rng.normal(size=4))
+
+    covered = []
+    for _ in range(400):
+        factor = surrogate.conformal_factor([geometry() for _ in range(30)], level)
+        covered.append((geometry() <= factor).mean())
+    assert level - 0.03 < np.mean(covered) < level + 0.06
+
+
+def test_intervals_hold_the_prediction_and_widen_with_the_level(fitted):
+    at = ([6, 8, 9], [15, 17, 20], [5, 6, 9], 0.6, 7.5)
+    centre = fitted.predict(*at)
+    narrow, wide = (fitted.predict_interval(*at, level=level) for level in (0.68, 0.9))
+    assert (wide[0] <= narrow[0]).all() and (narrow[0] <= centre).all()
+    assert (centre <= narrow[1]).all() and (narrow[1] <= wide[1]).all()
+    with pytest.raises(DldsimError, match="between 0 and 1"):
+        fitted.predict_interval(*at, level=1.0)
+
+
+def test_outside_the_domain_any_angle_is_possible(fitted):
+    low, high = fitted.predict_interval([7, 7], [18, 40], 6, [0.95, 0.6], 7.5)
+    assert not fitted.inside_domain([7, 7], [18, 40], 6, [0.95, 0.6], 7.5).any()
+    assert (low <= 0).all() and high == pytest.approx([np.degrees(np.arctan(1 / 6))] * 2)
+
+
+def test_measured_coverage_is_near_its_level(fitted):
+    for measured in fitted.card["conformal"]["measured"]:
+        assert measured["geometries"] == 27
+        assert measured["coverage"] > measured["level"] - 3 * max(measured["coverage_error"], 0.05)
+    assert fitted.card["target_by_geometry"]["reached"] in (True, False)
+
+
+def test_inside_domain_is_the_distance(fitted):
+    rng = np.random.default_rng(6)
+    r, g, n = rng.uniform(4, 11, 60), rng.uniform(13, 23, 60), rng.integers(3, 12, 60)
+    exact = [fitted.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
+             for p in zip(r, g, n, strict=True)]
+    assert fitted.inside_domain(r, g, n, 0.6, 7.5).tolist() == exact
+    assert 0 < sum(exact) < 60
 
 
 def test_saved_model_predicts_the_same(fitted, tmp_path):
     model, card = tmp_path / "m.json", tmp_path / "c.json"
     fitted.save(model, card)
     back = surrogate.load(model, card)
-    at = make_runs()[surrogate.INPUTS].T.to_numpy()
+    at = make_runs()[INPUTS].T.to_numpy()
     assert np.array_equal(fitted.predict(*at), back.predict(*at))
     back.save(tmp_path / "m2.json", tmp_path / "c2.json")
     assert (tmp_path / "m2.json").read_bytes() == model.read_bytes()
@@ -121,6 +244,7 @@ def test_saved_model_predicts_the_same(fitted, tmp_path):
 
 def test_card_says_what_the_model_is(fitted):
     card = fitted.card
+    assert set(GEOMETRY) < set(INPUTS) and len(card["conformal"]["scores"]) == 27
     assert card["data"]["used"] == 81 and card["data"]["geometries"] == 27
     assert card["domain"]["ranges"]["deformation_index"] == [0.5, 0.78]
     assert fitted.deformation_index_range == (0.5, 0.78)
@@ -215,15 +339,15 @@ def test_impossible_inputs_are_refused(fitted):
 
 def test_tiny_table_gives_the_same_numbers_in_any_order():
     runs = make_runs(radii=(5.0, 7.5), gaps=(15.0, 20.0), rows=(4, 6), indices=(0.5, 0.78))
-    keys = ["model", "split", "fold", "rmse_deg", "r2"]
-    a, b = (surrogate.benchmark(t, seed=1)[0] for t in (runs, runs.sample(frac=1, random_state=5)))
+    keys = ["model", "split", "repeat", "fold", "rmse_deg", "r2"]
+    a, b = (regressors.benchmark(t, seed=1)[0] for t in (runs, runs.sample(frac=1, random_state=5)))
     pd.testing.assert_frame_equal(a[keys], b[keys])
     assert np.isfinite(a["rmse_deg"]).all()
 
 
 def test_learning_curve_holds_arrays_out_and_learns():
-    curve = surrogate.learning_curve(make_runs(), seed=2)
-    assert set(curve["model"]) == set(surrogate.CURVE_MODELS)
+    curve = regressors.learning_curve(make_runs(), seed=2)
+    assert set(curve["model"]) == set(regressors.CURVE_MODELS)
     assert (curve["runs"] == 3 * curve["geometries"]).all() and (curve["n_test"] == 15).all()
     assert curve["geometries"].min() == 3 and curve["geometries"].max() == 22
     boosted = curve[curve["model"] == SURROGATE].groupby("geometries")["rmse_deg"].median()
@@ -231,7 +355,7 @@ def test_learning_curve_holds_arrays_out_and_learns():
     rule = curve[curve["model"] == BASELINE].groupby("repeat")["rmse_deg"].nunique()
     assert (rule == 1).all()  # the rule learns nothing, and the arrays held out are the same
     assert np.isfinite(curve["rmse_deg"]).all()
-    again = surrogate.learning_curve(make_runs().assign(wall_time_s=2.0), seed=2)
+    again = regressors.learning_curve(make_runs().assign(wall_time_s=2.0), seed=2)
     assert np.array_equal(curve["rmse_deg"], again["rmse_deg"])
     assert np.allclose(again["simulation_time_s"], 2.0 * again["runs"])
 

@@ -37,7 +37,7 @@ def rows_of(kind):
 
 
 def example(kind="calibration_correlations", **changes):
-    row = {"variable_a": "ks", "variable_b": "kal", "pearson_r": 0.5, "n": 4}
+    row = {"design": "a", "variable_a": "ks", "variable_b": "kal", "pearson_r": 0.5, "n": 4}
     return [row | changes] if kind == "calibration_correlations" else []
 
 
@@ -76,7 +76,7 @@ def test_dict_list_and_frame_give_the_same(path):
 
 
 def test_numpy_columns_are_taken(path):
-    data = {"variable_a": np.array(["a", "b"]), "variable_b": ["c", "d"],
+    data = {"design": ["x", "x"], "variable_a": np.array(["a", "b"]), "variable_b": ["c", "d"],
             "pearson_r": np.array([0.1, 0.2], np.float32), "n": np.array([1.0, 2.0])}
     write_table("calibration_correlations", data, path, ABOUT)
     assert [row["n"] for row in read_rows("calibration_correlations", path)] == [1, 2]
@@ -92,8 +92,9 @@ def test_numpy_columns_are_taken(path):
         (example(n=1.5), ["column n", "int64"]),
         (example(pearson_r="high"), ["pearson_r", "double"]),
         (example(extra=1), ["unknown extra"]),
-        ([{"variable_a": "x"}], ["missing variable_b, pearson_r, n"]),
-        ({"variable_a": ["a", "b"], "variable_b": ["c"], "pearson_r": [1], "n": [1]}, ["unequal"]),
+        ([{"variable_a": "x"}], ["missing design, variable_b, pearson_r, n"]),
+        ({"design": ["a"], "variable_a": ["a", "b"], "variable_b": ["c"], "pearson_r": [1], "n": [1]},
+         ["unequal"]),
     ],
 )
 def test_bad_data_is_refused(data, parts, path):
@@ -178,7 +179,8 @@ def test_description_tells_units_and_origin(path):
     assert (about["kind"], about["rows"]) == ("calibration_correlations", 1)
     assert about["provenance"]["seed"] == 7
     assert about["provenance"]["physics_version"] == PHYSICS_VERSION
-    assert [c["name"] for c in about["columns"]] == ["variable_a", "variable_b", "pearson_r", "n"]
+    assert [c["name"] for c in about["columns"]] == [
+        "design", "variable_a", "variable_b", "pearson_r", "n"]
     assert all(c["description"] for c in about["columns"])
 
 

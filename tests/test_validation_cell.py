@@ -99,7 +99,8 @@ def passing(status="converged", shift=0.0):
         d, h = (np.array([row[f"diameter_{axis}_um"] for row in rows]) for axis in "dh")
         between = np.array([[30.0], [6.0]])
         d, h = (np.insert(v * (1 + shift), 2, between[i]) for i, v in enumerate((d, h)))
-        path = {"x_um": np.array([-30.0, -20, -9, 0, 30]), "diameter_d_um": d, "diameter_h_um": h}
+        path = {"x_um": np.array([-30.0, -20, -9, 0, 30]), "diameter_d_um": d, "diameter_h_um": h,
+                "area_ratio": np.full(5, 1.1)}
         return SimpleNamespace(row={"status": status, "stop_reason": "why"}, trajectory=path)
 
     return simulate
@@ -112,6 +113,7 @@ def test_positions_are_the_nearest_points_in_their_part_of_the_path(monkeypatch)
     assert len(marked) == 8 * len(validation_cell.THROAT_NODES)
     assert [row["passed"] for row in marked] == [True] * len(marked)
     assert all(row["relative_error"] == pytest.approx(0.1) for row in rows)
+    assert "at most +10%" in rows[0]["note"]
     assert [row["note"][:5] for row in rows[:8:2]] == ["-30.0", "-20.0", "+0.0 ", "+30.0"]
     monkeypatch.setattr(validation_cell, "simulate_constriction", passing(shift=0.12))
     assert not any(row["passed"] for row in run_case("constriction-shape"))

@@ -27,14 +27,16 @@ except DldsimError as error:
     raise WorkflowError(str(error)) from None
 
 CONSTRICTIONS = campaign.constrictions(CONFIG)
+REQUESTS = [request.name for request in CONFIG.design_requests]
 
 
 wildcard_constraints:
     geometry=campaign.GEOMETRY_PATTERN,
     run=campaign.RUN_PATTERN,
-    constriction=r"[A-Za-z0-9-]+_\d+",
+    constriction=campaign.CONSTRICTION_PATTERN,
     variant=r"[A-Za-z0-9._-]+--[a-z_]+--\d+--\d+",
     case=r"[a-z-]+",
+    request=r"[A-Za-z0-9-]+",
     family=r"[a-z0-9-]+",
 
 
@@ -72,11 +74,14 @@ def accuracy_settings(wildcards):
 
 
 def constriction_settings(wildcards):
-    group, position = campaign.parse_constriction(wildcards.constriction)
+    name, position, design = campaign.parse_constriction(wildcards.constriction)
     channel = CONFIG.constriction.model_dump(mode="json")
-    positions = channel.pop("release_positions_um")
+    positions, velocity = (channel.pop(k) for k in ("release_positions_um", "fixed_velocity_mm_s"))
+    group = CONFIG.constriction_groups[name].model_dump(mode="json")
+    if design == campaign.FIXED_VELOCITY:
+        group |= {"velocity_mm_s": velocity, "stiffness_set": None}
     return {
-        "group": CONFIG.constriction_groups[group].model_dump(mode="json"),
+        "group": group,
         "constriction": channel,
         "release_position_um": positions[position],
         "cell": CONFIG.cell.model_dump(mode="json", exclude={"axis", "release_gap_fraction"}),
@@ -86,6 +91,20 @@ def constriction_settings(wildcards):
         ),
         "physics_version": PHYSICS_VERSION,
     }
+
+
+def design_settings(requests, *sections):
+    return {
+        **seeded("flow", "device", *sections),
+        "design_requests": [request.model_dump(mode="json") for request in requests],
+        "safety_distance_um": CONFIG.sweep.safety_distance_um,
+    }
+
+
+def verification_settings(wildcards):
+    requests = [r for r in CONFIG.design_requests if r.name == wildcards.request]
+    sections = ("cell", "numerics", "run_control", "stiffness_sets", "verification")
+    return {**design_settings(requests, *sections), "sigma_num_model": accuracy.model_hash()}
 
 
 def crash_count(wildcards):

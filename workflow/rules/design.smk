@@ -1,4 +1,5 @@
-# Surrogate of the migration angle, and the geometries that separate two cell types best.
+# Surrogate of the migration angle, the geometries that separate two cell types best, and their
+# verification by simulation.
 
 
 rule surrogate:
@@ -19,21 +20,28 @@ rule surrogate:
         "../scripts/surrogate.py"
 
 
+DESIGN_INPUTS = {
+    "model": rules.surrogate.output.model,
+    "card": rules.surrogate.output.card,
+    "calibration": rules.calibration.output.calibration,
+    "flows": rules.flows.output.table,
+}
+
+
 rule designs:
     input:
-        model=rules.surrogate.output.model,
-        card=rules.surrogate.output.card,
-        calibration=rules.calibration.output.calibration,
+        **DESIGN_INPUTS,
     output:
         table=f"{RESULTS}/designs.parquet",
         csv=f"{RESULTS}/designs.csv",
         trials=f"{RESULTS}/design_trials.parquet",
         trials_csv=f"{RESULTS}/design_trials.csv",
+        tolerances=f"{RESULTS}/design_tolerances.parquet",
+        tolerances_csv=f"{RESULTS}/design_tolerances.csv",
+        importance=f"{RESULTS}/design_importance.parquet",
+        importance_csv=f"{RESULTS}/design_importance.csv",
     params:
-        settings={
-            **seeded("design_requests"),
-            "safety_distance_um": CONFIG.sweep.safety_distance_um,
-        },
+        settings=design_settings(CONFIG.design_requests),
     log:
         f"{RESULTS}/logs/designs.log",
     benchmark:
@@ -46,17 +54,12 @@ rule designs:
 
 rule search_regret:
     input:
-        model=rules.surrogate.output.model,
-        card=rules.surrogate.output.card,
-        calibration=rules.calibration.output.calibration,
+        **DESIGN_INPUTS,
     output:
         table=f"{RESULTS}/search_regret.parquet",
         csv=f"{RESULTS}/search_regret.csv",
     params:
-        settings={
-            **seeded("design_requests"),
-            "safety_distance_um": CONFIG.sweep.safety_distance_um,
-        },
+        settings=design_settings(CONFIG.design_requests),
     log:
         f"{RESULTS}/logs/search_regret.log",
     benchmark:
@@ -65,3 +68,56 @@ rule search_regret:
         "compare the design search with random and exhaustive search"
     script:
         "../scripts/search_regret.py"
+
+
+# Finished runs stay in the folder `work`, which is no output: they are used again after a stop.
+rule verify:
+    input:
+        **DESIGN_INPUTS,
+        runs=rules.runs.output.table,
+    output:
+        verifications=f"{RESULTS}/verify/{{request}}.verifications.parquet",
+        designs=f"{RESULTS}/verify/{{request}}.verified_designs.parquet",
+        added=f"{RESULTS}/verify/{{request}}.runs.parquet",
+        files=directory(f"{RESULTS}/designs/{{request}}"),
+    params:
+        settings=verification_settings,
+        work=f"{RESULTS}/verify/{{request}}",
+    log:
+        f"{RESULTS}/logs/verify/{{request}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/verify/{{request}}.tsv"
+    message:
+        "verify the designs of {wildcards.request} by simulation"
+    script:
+        "../scripts/verify.py"
+
+
+rule verifications:
+    input:
+        verifications=expand(
+            f"{RESULTS}/verify/{{request}}.verifications.parquet", request=REQUESTS
+        ),
+        designs=expand(f"{RESULTS}/verify/{{request}}.verified_designs.parquet", request=REQUESTS),
+        added=expand(f"{RESULTS}/verify/{{request}}.runs.parquet", request=REQUESTS),
+        files=expand(f"{RESULTS}/designs/{{request}}", request=REQUESTS),
+        runs=rules.runs.output.table,
+    output:
+        verifications=f"{RESULTS}/verifications.parquet",
+        verifications_csv=f"{RESULTS}/verifications.csv",
+        designs=f"{RESULTS}/verified_designs.parquet",
+        designs_csv=f"{RESULTS}/verified_designs.csv",
+        runs=f"{RESULTS}/runs_verified.parquet",
+        runs_csv=f"{RESULTS}/runs_verified.csv",
+        model=f"{RESULTS}/surrogate_verified.json",
+        card=f"{RESULTS}/surrogate_verified_card.json",
+    params:
+        settings=seeded(),
+    log:
+        f"{RESULTS}/logs/verifications.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/verifications.tsv"
+    message:
+        "gather the verified designs and refit the surrogate"
+    script:
+        "../scripts/verifications.py"

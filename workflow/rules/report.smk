@@ -14,6 +14,7 @@ rule report:
         rules.designs.output,
         rules.learning_curve.output,
         rules.search_regret.output,
+        rules.verifications.output,
         rules.surrogate.output,
         made(rules.validation.output.table),
         made(rules.accuracy.output.table),

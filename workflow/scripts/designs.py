@@ -1,15 +1,18 @@
-"""Surrogate, calibration and requests in, ranked designs out."""
+"""Surrogate, calibration, flows and requests in, ranked candidates out."""
 
 from pathlib import Path
 
-from dldsim.jobs import design_job, job_log
+from dldsim.design_jobs import design_job
+from dldsim.jobs import job_log
 
 with job_log(snakemake.log[0]):
     design_job(
         snakemake.params.settings,
-        model=Path(snakemake.input.model),
-        card=Path(snakemake.input.card),
-        calibration=Path(snakemake.input.calibration),
-        designs=Path(snakemake.output.table),
-        trials=Path(snakemake.output.trials),
+        tables={
+            "designs": Path(snakemake.output.table),
+            "design_trials": Path(snakemake.output.trials),
+            "design_tolerances": Path(snakemake.output.tolerances),
+            "design_importance": Path(snakemake.output.importance),
+        },
+        **{name: Path(path) for name, path in snakemake.input.items()},
     )

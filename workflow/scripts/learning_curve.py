@@ -2,7 +2,7 @@
 
 from dldsim.campaign import derive_seed
 from dldsim.jobs import job_log, provenance
-from dldsim.surrogate import learning_curve
+from dldsim.regressors import learning_curve
 from dldsim.tables import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

@@ -1,14 +1,13 @@
-"""Surrogate, calibration and requests in, regret of the search methods out."""
+"""Surrogate, calibration, flows and requests in, regret of the search methods out."""
 
 from pathlib import Path
 
-from dldsim.jobs import job_log, regret_job
+from dldsim.design_jobs import regret_job
+from dldsim.jobs import job_log
 
 with job_log(snakemake.log[0]):
     regret_job(
         snakemake.params.settings,
-        model=Path(snakemake.input.model),
-        card=Path(snakemake.input.card),
-        calibration=Path(snakemake.input.calibration),
         table=Path(snakemake.output.table),
+        **{name: Path(path) for name, path in snakemake.input.items()},
     )

@@ -1,0 +1,279 @@
+"""Jobs and commands that make designs: tables and requests in, tables and files out."""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim import campaign, surrogate
+from dldsim.calibration import join_deformation_index
+from dldsim.config import (
+    Cell,
+    DesignRequest,
+    Device,
+    Flow,
+    Numerics,
+    RunControl,
+    Stiffness,
+    Verification,
+)
+from dldsim.design import Chip, Found, Resistance, regret, search
+from dldsim.errors import DldsimError
+from dldsim.jobs import Progress, provenance
+from dldsim.tables import COLUMNS, describe, read_many, read_table, write_csv, write_table
+from dldsim.verification import (
+    Outcome,
+    Scene,
+    Simulator,
+    conditions,
+    export,
+    make_populations,
+    plain,
+    verify,
+)
+
+SEARCH = ("designs", "design_trials", "design_tolerances", "design_importance")
+"""Kinds of tables of a search, in the order of `Found`."""
+
+
+def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | None) -> DesignRequest:
+    """The request with its stiffness sets replaced by their calibrated index and its scatter."""
+    names = [n for n in (request.stiffness_set_1, request.stiffness_set_2) if n is not None]
+    index, spread = {}, {}
+    if names:
+        if calibration is None:
+            raise DldsimError(f"design request {request.name}: stiffness sets need a calibration.")
+        joined = join_deformation_index(pd.DataFrame({"stiffness_set": names}), calibration)
+        for name, mean, std in joined[
+            ["stiffness_set", "deformation_index", "deformation_index_std"]].to_numpy():
+            index |= {} if np.isnan(mean) else {name: float(mean)}
+            spread[name] = 0.0 if np.isnan(std) else float(std)
+    return request.with_deformation_indices(index, spread)
+
+
+class Inputs(NamedTuple):
+    """What every job about designs needs."""
+
+    requests: list[DesignRequest]
+    chip: Chip
+    model: surrogate.Surrogate
+    calibration: pd.DataFrame
+
+
+def _inputs(settings: Mapping, model: Path, card: Path, calibration: Path, flows: Path) -> Inputs:
+    table = read_table("flows", flows)
+    chip = make_chip(settings, None if table["drag_over_mu_U"].isna().all() else table)
+    return Inputs([DesignRequest(**r) for r in settings["design_requests"]], chip,
+                  surrogate.load(model, card), read_table("calibration", calibration))
+
+
+def make_chip(settings: Mapping, flows: pd.DataFrame | None) -> Chip:
+    """Chip of the sections `flow` and `device`, `safety_distance_um`, and a table of flows."""
+    resistance = None if flows is None else Resistance(flows)
+    return Chip(Flow(**settings["flow"]), Device(**settings["device"]),
+                settings["safety_distance_um"], resistance)
+
+
+def search_all(inputs: Inputs, seed: int) -> Found:
+    """Tables of the searches of all requests."""
+    found = [
+        search(inputs.model, by_deformation_index(request, inputs.calibration), inputs.chip,
+               campaign.derive_seed(seed, f"design/{request.name}"))
+        for request in inputs.requests
+    ]  # fmt: skip
+    return Found(*(pd.concat(tables, ignore_index=True) for tables in zip(*found, strict=True)))
+
+
+def design_job(settings: Mapping, *, tables: Mapping[str, Path], **paths: Path) -> None:
+    """Search for all requests; the tables of SEARCH with CSV twins."""
+    inputs = _inputs(settings, **paths)
+    found = search_all(inputs, settings["seed"]) if inputs.requests else map(_empty, SEARCH)
+    for kind, table in zip(SEARCH, found, strict=True):
+        write_table(kind, table, tables[kind], provenance(settings, settings["seed"]))
+        write_csv(kind, tables[kind])
+
+
+def regret_job(settings: Mapping, *, table: Path, **paths: Path) -> None:
+    """Regret of TPE, random and exhaustive search on the surrogate, with a CSV twin."""
+    inputs = _inputs(settings, **paths)
+    found = [
+        regret(inputs.model, by_deformation_index(request, inputs.calibration), inputs.chip,
+               campaign.derive_seed(settings["seed"], f"regret/{request.name}"))
+        for request in inputs.requests
+    ]  # fmt: skip
+    kind = "search_regret"
+    rows = pd.concat(found, ignore_index=True) if found else _empty(kind)
+    write_table(kind, rows, table, provenance(settings, settings["seed"]))
+    write_csv(kind, table)
+
+
+def scene_of(settings: Mapping) -> Scene:
+    """The campaign's cell, flow, numerics and run control."""
+    return Scene(Cell(**settings["cell"]), Flow(**settings["flow"]),
+                 Numerics(**settings["numerics"]), RunControl(**settings["run_control"]))
+
+
+def verify_request(
+    request: DesignRequest, settings: Mapping, chip: Chip, model: surrogate.Surrogate,
+    tables: Mapping[str, pd.DataFrame], *, work: Path, files: Path, progress: Progress | None,
+) -> Outcome:
+    """Verify the designs of one request by simulation and write their files.
+
+    ``settings``: sections of the configuration, `seed` and `verification` among them; ``tables``:
+    `runs` and `calibration`; ``work``: where finished runs are kept; ``files``: folder of the
+    designs' files.
+    """
+    scene = scene_of(settings)
+    conditions(tables["runs"], scene)
+    resolved = by_deformation_index(request, tables["calibration"])
+    sets = {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()}
+    populations = make_populations(request, resolved, tables["calibration"], sets)
+    budget = Verification(**settings["verification"])
+    simulator = Simulator(work, scene, progress)
+    outcome = verify(
+        model, tables["runs"], resolved, chip, budget, populations, simulator,
+        campaign.derive_seed(settings["seed"], f"verify/{request.name}"),
+        resistance=simulator.resistance, progress=progress,
+    )  # fmt: skip
+    Path(files).mkdir(parents=True, exist_ok=True)
+    export(outcome, resolved, chip, simulator, budget.exports, files,
+           provenance(settings, settings["seed"]), model.card)
+    return outcome
+
+
+def verify_job(
+    name: str, settings: Mapping, *, runs: Path, verifications: Path, designs: Path, added: Path,
+    files: Path, work: Path, progress: Progress, **paths: Path,
+) -> None:
+    """Verification of one request: its rows of `verifications`, `verified_designs` and `runs`."""
+    inputs = _inputs(settings, **paths)
+    [request] = [r for r in inputs.requests if r.name == name]
+    tables = {"runs": read_table("runs", runs), "calibration": inputs.calibration}
+    outcome = verify_request(request, settings, inputs.chip, inputs.model, tables, work=work,
+                             files=files, progress=progress)
+    about = provenance(settings, settings["seed"])
+    measured = [row for row in outcome.rows.values() if row["status"] != "failed"]
+    for kind, table, path in (
+        ("verifications", plain(outcome.verifications), verifications),
+        ("verified_designs", plain(outcome.designs), designs),
+        ("runs", measured or _empty("runs"), added),
+    ):  # fmt: skip
+        write_table(kind, table or _empty(kind), path, about)
+
+
+def gather_verified(
+    settings: Mapping, *, verifications: Iterable[Path], designs: Iterable[Path],
+    added: Iterable[Path], runs: Path, tables: Mapping[str, Path], model: Path, card: Path,
+) -> None:
+    """Tables of all requests, and the surrogate refitted to the campaign's and all verifying runs.
+
+    ``tables``: paths of `verifications`, `verified_designs` and `runs`.
+    """
+    about = provenance(settings, settings["seed"])
+    learnt = read_many("runs", [runs, *added])
+    for kind, table in (
+        ("verifications", read_many("verifications", verifications)),
+        ("verified_designs", read_many("verified_designs", designs)), ("runs", learnt),
+    ):  # fmt: skip
+        write_table(kind, table, tables[kind], about)
+        write_csv(kind, tables[kind])
+    seed = campaign.derive_seed(settings["seed"], "surrogate")
+    surrogate.fit(learnt, seed).save(model, card)
+
+
+class Campaign(NamedTuple):
+    """A finished campaign that designs are made from: settings as its tables tell them."""
+
+    settings: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+    chip: Chip
+    model: surrogate.Surrogate
+
+
+def read_campaign(directory: Path, device: Device, safety_distance_um: float) -> Campaign:
+    """Runs, calibration and surrogate in a folder, and flows if they are there.
+
+    Raises DldsimError if a file is missing or damaged, or if the surrogate was learnt from others
+    than these runs.
+    """
+    directory = Path(directory)
+    tables = {kind: read_table(kind, directory / f"{kind}.parquet")
+              for kind in ("runs", "calibration")}
+    flows = directory / "flows.parquet"
+    if flows.exists():
+        tables["flows"] = read_table("flows", flows)
+    model = surrogate.load(directory / "surrogate.json", directory / "surrogate_card.json")
+    check_model(model, tables["runs"], directory)
+    about = describe(directory / "runs.parquet")["provenance"]["settings"]
+    settings = settings_of_runs(tables["runs"], tables.get("flows"))
+    settings["run_control"] = about.get("run_control", RunControl().model_dump())
+    settings |= {"device": device.model_dump(), "safety_distance_um": safety_distance_um}
+    return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
+
+
+def check_model(model: surrogate.Surrogate, runs: pd.DataFrame, place: Path) -> None:
+    """Refuse a surrogate that was learnt from other runs. Raises DldsimError."""
+    if surrogate._data_hash(surrogate.learnable(runs)) != model.card["data"]["sha256"]:
+        raise DldsimError(
+            f"{place}: the surrogate was learnt from other runs than those of runs.parquet there. "
+            "Fit it anew: `snakemake -j2 surrogate`."
+        )
+
+
+def settings_of_runs(runs: pd.DataFrame, flows: pd.DataFrame | None = None) -> dict[str, Any]:
+    """Sections cell, flow, numerics and stiffness_sets as a table of runs tells them.
+
+    The viscosity is that of the capillary number Ca = μU/k_s. The time step is the longest of all
+    runs: a membrane that needs a shorter one gets it again. Raises DldsimError for mixed runs.
+    """
+    for name in ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s"):
+        if runs[name].nunique() != 1:
+            raise DldsimError(f"The table of runs mixes several values of {name}: designs are made "
+                              "from runs of one cell, channel and velocity.")
+    done = runs[runs["capillary_number"].notna()]
+    if done.empty:
+        raise DldsimError("The table of runs has no run that was simulated.")
+    rows = [json.loads(text) for text in done["numerics"]]
+    numerics = max(rows, key=lambda row: row["velocity_lu"])
+    first = done.iloc[0]
+    velocity = float(first["mean_velocity_mm_s"])
+    viscosity = float(first["capillary_number"] * first["ks_uN_per_m"] / velocity)
+    drive = flows["drive"].iloc[0] if flows is not None and len(flows) else "no-lateral-flux"
+    names = list(Stiffness.model_fields)
+    sets = done.drop_duplicates("stiffness_set").set_index("stiffness_set")[names]
+    return {
+        "cell": Cell(
+            shape=first["cell_shape"], radius_um=float(first["cell_radius_um"]),
+            axis=numerics["release_axis"], release_gap_fraction=numerics["release_gap_fraction"],
+        ).model_dump(),
+        "flow": Flow(
+            mean_velocity_mm_s=velocity, viscosity_mPa_s=round(viscosity, 9),
+            height_um=float(first["height_um"]), drive=drive,
+        ).model_dump(),
+        "numerics": {key: numerics[key] for key in Numerics.model_fields},
+        "stiffness_sets": {str(k): {n: float(v) for n, v in row.items()}
+                           for k, row in sets.iterrows()},
+    }  # fmt: skip
+
+
+def write_tables(found: Found, outcome: Outcome | None, directory: Path, about: Mapping[str, Any]
+                 ) -> list[Path]:
+    """Tables of a search, and of its verification, with CSV twins; returns the Parquet files."""
+    tables = dict(zip(SEARCH, found, strict=True))
+    if outcome is not None:
+        tables |= {"verifications": plain(outcome.verifications),
+                   "verified_designs": plain(outcome.designs)}
+    paths = []
+    for kind, table in tables.items():
+        path = Path(directory) / f"{kind}.parquet"
+        write_table(kind, table, path, about)
+        write_csv(kind, path)
+        paths.append(path)
+    return paths
+
+
+def _empty(kind: str) -> dict:
+    return {column.name: [] for column in COLUMNS[kind]}

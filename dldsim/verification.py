@@ -1,0 +1,607 @@
+"""Candidates become designs: both cell types are simulated in the array that was searched for.
+
+Prediction and simulation are compared, the runs are learnt from, and the search begins anew, until
+they agree or the budget is spent.
+"""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim import accuracy, campaign
+from dldsim.calibration import stiffness_for
+from dldsim.config import Cell, DesignRequest, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config import Verification as Budget
+from dldsim.design import (
+    GEOMETRY,
+    Chip,
+    Task,
+    _over_tolerance,
+    distinct,
+    ranks_of,
+    search,
+    transition_geometries,
+)
+from dldsim.errors import DldsimError
+from dldsim.export import Verified, export_design
+from dldsim.jobs import NOT_JOINED, Progress, flow_row, provenance
+from dldsim.surrogate import Surrogate
+from dldsim.tables import COLUMNS, describe, read_columns, read_rows, write_table
+from dldsim.trajectory import mode_of
+
+SHAPES_EVERY = 2
+"""Samples of a run from one recorded shape to the next."""
+CONFIRMED, MISSED = "prediction confirmed", "prediction missed"
+SIGMAS = 2
+"""Numerical uncertainties that a simulated separation must exceed to count as one."""
+
+
+class Population(NamedTuple):
+    """One cell type as it is simulated; ``basis`` says where its moduli come from."""
+
+    number: int
+    name: str
+    deformation_index: float
+    deformation_index_std: float
+    radius_um: float
+    stiffness: Stiffness
+    basis: str
+
+
+def make_populations(
+    request: DesignRequest, resolved: DesignRequest, calibration: pd.DataFrame,
+    sets: Mapping[str, Stiffness],
+) -> list[Population]:
+    """Both cell types of a request; ``resolved``: the same request by deformation indices.
+
+    A stiffness set named in the request is simulated as it is. Else k_s follows from the
+    deformation index, and the other moduli are those that the campaign's sets have at this k_s,
+    linear between sets: the calibration's groups have other bending moduli, which no array run has.
+
+    Raises DldsimError outside the calibrated range and beyond the sets.
+    """
+    found = []
+    for i in (1, 2):
+        index = getattr(resolved, f"deformation_index_{i}")
+        named = getattr(request, f"stiffness_set_{i}")
+        if named is not None:
+            stiffness, basis = sets[named], f"stiffness set {named}"
+        else:
+            inverse = stiffness_for(index, calibration)
+            stiffness = stiffness_at(inverse["ks_uN_per_m"], sets, f"deformation_index_{i}")
+            basis = (f"inverse of the calibration, k_s {inverse['ks_uN_per_m']:.3g} µN/m between "
+                     + " and ".join(inverse["between"]))
+        found.append(Population(
+            i, f"{request.name}-{i}", index, getattr(resolved, f"deformation_index_std_{i}") or 0.0,
+            getattr(request, f"radius_{i}_um"), stiffness, basis,
+        ))  # fmt: skip
+    return found
+
+
+def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) -> Stiffness:
+    """Moduli at a spring constant, linear between the campaign's stiffness sets."""
+    curve = sorted((s.ks_uN_per_m, s) for s in sets.values())
+    ks = [k for k, _ in curve]
+    if not ks[0] <= ks_uN_per_m <= ks[-1]:
+        raise DldsimError(
+            f"{key}: its stiffness k_s = {ks_uN_per_m:.4g} µN/m is outside the stiffness sets, "
+            f"{ks[0]:g} to {ks[-1]:g} µN/m. Choose a deformation index between theirs."
+        )
+    return Stiffness(**{
+        name: float(np.interp(ks_uN_per_m, ks, [getattr(s, name) for _, s in curve]))
+        for name in Stiffness.model_fields
+    })
+
+
+class Scene(NamedTuple):
+    """What the campaign simulates with."""
+
+    cell: Cell
+    flow: Flow
+    numerics: Numerics
+    control: RunControl
+
+
+class Simulator:
+    """Runs of a verification, each kept on disk as soon as it is finished, and used again.
+
+    Called with geometry, population and channel height [µm] it returns the run's row of `runs`. A
+    run is found again if everything it depends on is the same. The cell has its real radius: what
+    similarity assumes (height/R and membrane numbers unchanged) is part of what is checked.
+    """
+
+    def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
+        self.directory, self.scene, self.progress = Path(directory), scene, progress
+        self.model = accuracy.read_model()
+        self._flow: tuple[Any, Any] = (None, None)
+
+    def __call__(self, geometry: Geometry, population: Population, height_um: float) -> dict:
+        scene = self._at(height_um)
+        settings = {
+            **{name: getattr(scene, name).model_dump(mode="json")
+               for name in ("flow", "numerics", "control")},
+            "cell": self._cell(population).model_dump(mode="json"),
+            "stiffness": population.stiffness.model_dump(mode="json"),
+            "geometry": geometry.model_dump(mode="json"),
+        }
+        name = self.name(geometry, population, height_um)
+        row_file, trajectory, shapes = self._files(name)
+        digest = campaign.settings_hash(settings)
+        if not (shapes.exists() and _made_with(row_file, digest)):
+            self._simulate(geometry, population, height_um, name, digest)
+        [row] = read_rows("runs", row_file)
+        sigma, basis = accuracy.numerical_uncertainty(row, scene.control.model_dump(), self.model)
+        return {
+            **row, "deformation_index": population.deformation_index,
+            "deformation_index_std": population.deformation_index_std,
+            "sigma_num_deg": sigma, "sigma_num_basis": basis,
+        }  # fmt: skip
+
+    def name(self, geometry: Geometry, population: Population, height_um: float) -> str:
+        """Identifier of a run; another height than the campaign's is part of it, in nm."""
+        name = population.name
+        if height_um != self.scene.flow.height_um:
+            name += f"-h{1e3 * height_um:.0f}"
+        return campaign.run_id(campaign.Run(geometry, name))
+
+    def passage(self, row: Mapping[str, Any]) -> Verified:
+        """A finished run with its trajectory and recorded shapes."""
+        from dldsim.vtk import read_vtkhdf
+
+        _, trajectory, shapes = self._files(row["run_id"])
+        columns = read_columns("trajectory", trajectory).to_pydict()
+        return Verified(row, {k: np.array(v) for k, v in columns.items()}, read_vtkhdf(shapes))
+
+    def resistance(self, geometry: Geometry) -> dict[str, Any]:
+        """Row of `flows` of an array at the campaign's height, from the solver."""
+        path = self.directory / f"{campaign.geometry_id(geometry)}.flow.parquet"
+        scene = self.scene
+        settings = {"flow": scene.flow.model_dump(), "numerics": scene.numerics.model_dump()}
+        if not _made_with(path, campaign.settings_hash(settings)):
+            row = flow_row(self._empty_flow(geometry, scene.flow.height_um))
+            write_table("flows", [row], path, provenance(settings))
+        [row] = read_rows("flows", path)
+        return row
+
+    def _simulate(self, geometry, population, height_um, name: str, digest: str) -> None:
+        from dldsim.vtk import simulate_with_shapes, write_vtkhdf
+
+        scene = self._at(height_um)
+        result, shapes = simulate_with_shapes(
+            geometry, population.stiffness, self._cell(population), scene.flow, scene.numerics,
+            scene.control, run_id=name, stiffness_set=name.rpartition("_s")[2], every=SHAPES_EVERY,
+            empty_flow=self._empty_flow(geometry, height_um), progress=self.progress,
+        )  # fmt: skip
+        row_file, trajectory, vtkhdf = self._files(name)
+        about = {"config_hash": digest, "seed": None}
+        write_table("trajectory", result.trajectory, trajectory, about)
+        write_vtkhdf(shapes, vtkhdf, about)
+        write_table("runs", [{**NOT_JOINED, **result.row}], row_file, about)
+
+    def _at(self, height_um: float) -> Scene:
+        flow = self.scene.flow.model_copy(update={"height_um": height_um})
+        return self.scene._replace(flow=flow)
+
+    def _cell(self, population: Population) -> Cell:
+        return self.scene.cell.model_copy(update={"radius_um": population.radius_um})
+
+    def _files(self, name: str) -> list[Path]:
+        return [self.directory / f"{name}{ending}"
+                for ending in (".run.parquet", ".trajectory.parquet", ".vtkhdf")]
+
+    def _empty_flow(self, geometry: Geometry, height_um: float):
+        """Flow without a cell; the last one is kept, which both cell types share."""
+        from dldsim.flow import solve_empty_array
+
+        key = geometry, height_um
+        if self._flow[0] != key:
+            scene = self._at(height_um)
+            self._flow = key, solve_empty_array(geometry, scene.flow, scene.numerics)
+        return self._flow[1]
+
+
+def _made_with(path: Path, digest: str) -> bool:
+    """Whether a table exists, is readable, of this physics, and made with these settings."""
+    if not path.exists():
+        return False
+    try:
+        about = describe(path)["provenance"]
+        read_columns(describe(path)["kind"], path)
+    except DldsimError:
+        return False
+    return about["config_hash"] == digest
+
+
+class Outcome(NamedTuple):
+    """Of one request: rows of `verifications` and `verified_designs`, the runs to learn from, and
+    the candidates (`designs`) of the last search."""
+
+    verifications: pd.DataFrame
+    designs: pd.DataFrame
+    runs: pd.DataFrame
+    candidates: pd.DataFrame
+    rows: dict[str, dict]
+
+
+def verify(
+    surrogate: Surrogate,
+    runs: pd.DataFrame,
+    request: DesignRequest,
+    chip: Chip,
+    budget: Budget,
+    populations: Sequence[Population],
+    simulate: Callable[[Geometry, Population, float], dict],
+    seed: int,
+    *,
+    fit: Callable[[pd.DataFrame, int], Surrogate] | None = None,
+    resistance: Callable[[Geometry], Mapping[str, Any]] | None = None,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Search, simulate, compare and learn, in rounds.
+
+    A round searches on the surrogate, simulates both cell types in the best candidates that have
+    not been simulated, and in arrays near a mode transition, and refits the surrogate to all runs.
+    Rounds end when every new prediction of a candidate is confirmed, when the best candidates have
+    all been simulated, or with the budget. A prediction is confirmed if the simulated value, with
+    ± σ_num, meets its interval; it is compared only where the surrogate interpolates.
+
+    ``request``: by deformation indices. ``simulate`` returns a row of `runs`; ``resistance`` a row
+    of `flows`. The best verified design is simulated at ± height_tolerance_um too.
+
+    Raises DldsimError as `search` does.
+    """
+    from dldsim import surrogate as model
+
+    fit = fit or model.fit
+    say = progress or (lambda sentence: None)
+    records: list[dict] = []
+    pairs: dict[int, dict] = {}
+    rows: dict[str, dict] = {}
+    learnt = surrogate
+    stopped = f"{budget.rounds} rounds done"
+    spent = 0
+    candidates = pd.DataFrame()
+    for number in range(1, budget.rounds + 1):
+        task = Task(learnt, request, chip, campaign.derive_seed(seed, f"round {number}"))
+        candidates = search(learnt, request, chip, task.seed).designs
+        best = candidates.head(budget.designs_per_round).to_dict("records")
+        tried = [pair["place"] for pair in pairs.values()]
+        new = [c for c in best if all(distinct(request, c, t) for t in tried)]
+        if not new:
+            stopped = f"round {number}: the best candidates have been simulated before"
+            break
+        known = pd.concat([runs[GEOMETRY], pd.DataFrame(tried, columns=GEOMETRY)])
+        near = transition_geometries(task, known, budget.transition_geometries)
+        agreements, before = [], len(rows)
+        for role, place in [*(("design", c) for c in new), *(("transition", g) for g in near)]:
+            if spent + 2 > budget.runs_max:
+                stopped = f"round {number}: budget of {budget.runs_max} runs spent"
+                break
+            array = len(pairs) + 1
+            geometry = Geometry(**{name: place[name] for name in GEOMETRY})
+            say(f"round {number}, {role} {campaign.geometry_id(geometry)}")
+            found = _simulate_pair(simulate, geometry, populations, chip.flow.height_um)
+            spent += 2
+            compared = compare(task, populations, geometry, found)
+            records += [{"request": request.name, "round": number, "role": role, "array": array,
+                         "height_um": chip.flow.height_um, **row} for row in compared]
+            pairs[array] = {"place": geometry.model_dump(), "role": role, "round": number,
+                            "rows": found, "difference": compared[2],
+                            "design": place if role == "design" else None}
+            rows |= {row["run_id"]: row for row in found}
+            if role == "design":
+                agreements.append(compared[2]["agrees"])
+        if len(rows) > before:
+            learnt = fit(_with(runs, rows), campaign.derive_seed(seed, f"fit {number}"))
+        if stopped.startswith("round"):
+            break
+        if agreements and all(a is True for a in agreements):
+            stopped = f"round {number}: predictions confirmed"
+            break
+    task = Task(learnt, request, chip, seed)
+    designs = _verified(task, pairs, resistance, stopped)
+    if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
+        heights = _height_runs(task, designs, populations, simulate, budget.runs_max - spent)
+        records += heights
+        designs = _with_heights(designs, heights, chip.flow.height_um)
+    return Outcome(pd.DataFrame(records, columns=VERIFICATION_COLUMNS), designs, _with(runs, rows),
+                   candidates, rows)
+
+
+VERIFICATION_COLUMNS = [
+    "request", "round", "role", "array", "population", *GEOMETRY, "height_um", "run_id",
+    "deformation_index", "cell_radius_um", "ks_uN_per_m", "stiffness_basis", "predicted_deg",
+    "predicted_low_deg", "predicted_high_deg", "simulated_deg", "sigma_num_deg", "predicted_mode",
+    "mode", "status", "wall_time_s", "agrees", "verdict", "note",
+]  # fmt: skip
+
+
+def _with(runs: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
+    """The table of runs with the verifying runs below."""
+    if not rows:
+        return runs
+    return pd.concat([runs, pd.DataFrame(list(rows.values()))[list(runs.columns)]],
+                     ignore_index=True)
+
+
+def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
+                   height_um: float) -> list[dict]:
+    """Rows of `runs` of both cell types; a run that cannot start has status "failed"."""
+    found = []
+    for population in populations:
+        try:
+            found.append(simulate(geometry, population, height_um))
+        except DldsimError as error:
+            found.append(_failed(geometry, population, height_um, str(error)))
+    return found
+
+
+def _failed(geometry: Geometry, population: Population, height_um: float, reason: str) -> dict:
+    return {
+        **{c.name: None for c in COLUMNS["runs"]}, **geometry.model_dump(),
+        **population.stiffness.model_dump(),
+        "run_id": campaign.run_id(campaign.Run(geometry, population.name)),
+        "stiffness_set": population.name, "pitch_um": geometry.pitch_um,
+        "row_shift_fraction": geometry.row_shift_fraction, "height_um": height_um,
+        "cell_radius_um": population.radius_um, "status": "failed", "stop_reason": reason,
+        "mode": "none", "deformation_index": population.deformation_index,
+    }  # fmt: skip
+
+
+def compare(task: Task, populations: Sequence[Population], geometry: Geometry,
+            found: Sequence[Mapping]) -> list[dict]:
+    """Prediction and simulation of both cell types and of their difference; `verifications`."""
+    place = [getattr(geometry, name) for name in GEOMETRY]
+    angles = [float(a[0]) for a in task.angles(*place)]
+    half = [float(h[0]) for h in task.half_widths(*place)]
+    inside = [
+        bool(task.surrogate.inside_domain(*place, *cell)[0]) for cell in task.cells
+    ]  # fmt: skip
+    rows = []
+    for k, population in enumerate(populations):
+        row = found[k]
+        rows.append(_judged({
+            "population": str(population.number), **geometry.model_dump(),
+            "run_id": row["run_id"], "deformation_index": population.deformation_index,
+            "cell_radius_um": population.radius_um, "ks_uN_per_m": population.stiffness.ks_uN_per_m,
+            "stiffness_basis": population.basis, "predicted_deg": angles[k],
+            "simulated_deg": row["migration_angle_deg"], "sigma_num_deg": row["sigma_num_deg"],
+            "predicted_mode": mode_of(angles[k], geometry.row_shift_fraction), "mode": row["mode"],
+            "status": row["status"], "wall_time_s": row["wall_time_s"],
+            "note": _note(row),
+        }, half[k], inside[k]))  # fmt: skip
+    first, second = found
+    known = [r["migration_angle_deg"] is not None for r in found]
+    sigmas = [r["sigma_num_deg"] for r in found]
+    rows.append(_judged({
+        "population": "difference", **geometry.model_dump(),
+        "run_id": f"{first['run_id']}, {second['run_id']}", "deformation_index": None,
+        "cell_radius_um": None, "ks_uN_per_m": None, "stiffness_basis": "",
+        "predicted_deg": angles[1] - angles[0],
+        "simulated_deg":
+            second["migration_angle_deg"] - first["migration_angle_deg"] if all(known) else None,
+        "sigma_num_deg": None if None in sigmas else math.hypot(*sigmas),
+        "predicted_mode": ", ".join(r["predicted_mode"] for r in rows),
+        "mode": ", ".join(r["mode"] for r in found),
+        "status": ", ".join(r["status"] for r in found),
+        "wall_time_s": sum(r["wall_time_s"] or 0.0 for r in found),
+        "note": "; ".join(dict.fromkeys(r["note"] for r in rows if r["note"])),
+    }, math.hypot(*half), all(inside)))  # fmt: skip
+    return rows
+
+
+def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
+    """The row with its interval and whether the simulated value meets it."""
+    low, high = row["predicted_deg"] - half_width_deg, row["predicted_deg"] + half_width_deg
+    simulated, sigma = row["simulated_deg"], row["sigma_num_deg"] or 0.0
+    agrees = None
+    if simulated is None:
+        verdict = "no angle to compare with"
+    elif not inside:
+        verdict = "not compared: outside the training geometries"
+    else:
+        agrees = low - sigma <= simulated <= high + sigma
+        verdict = CONFIRMED if agrees else MISSED
+        if not agrees:
+            verdict += f" by {simulated - row['predicted_deg']:+.2f}°"
+    return {**row, "predicted_low_deg": low, "predicted_high_deg": high, "agrees": agrees,
+            "verdict": verdict}
+
+
+def _note(row: Mapping[str, Any]) -> str:
+    """What a reader must know of a run: that its angle is not settled, or why there is none."""
+    if row["status"] in ("converged", "periodic"):
+        return ""
+    if row["status"] == "period_limit":
+        return "motion not settled at the row limit"
+    return row["stop_reason"]
+
+
+def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -> pd.DataFrame:
+    """The simulated designs, best first; columns of `verified_designs`."""
+    request, chip = task.request, task.chip
+    rows = []
+    for array, pair in pairs.items():
+        if pair["role"] != "design":
+            continue
+        first, second = pair["rows"]
+        difference, design = pair["difference"], pair["design"]
+        simulated, sigma = difference["simulated_deg"], difference["sigma_num_deg"]
+        geometry = Geometry(**pair["place"])
+        length = pressure = permeability = None
+        if simulated:
+            slopes = [math.tan(math.radians(r["migration_angle_deg"])) for r in pair["rows"]]
+            length = request.lateral_separation_um / abs(slopes[1] - slopes[0]) / 1e3
+        basis = "not known"
+        if resistance is not None:
+            flow = resistance(geometry)
+            permeability = flow["permeability_over_pitch2"]
+            basis = "flow without a cell, solved for this array"
+            if length is not None:
+                pressure = float(
+                    chip.pressure_kPa(flow["drag_over_mu_U"], geometry.pitch_um, length))
+        separates = None
+        if simulated is not None and sigma is not None:
+            separates = abs(simulated) > SIGMAS * sigma
+        rows.append({
+            "request": request.name, "array": array, "round": pair["round"],
+            **geometry.model_dump(),
+            "separation_deg": None if simulated is None else abs(simulated),
+            "sigma_num_deg": sigma,
+            **{f"{key}_{i}": row[name] for i, row in ((1, first), (2, second))
+               for key, name in (("mode", "mode"), ("status", "status"))},
+            "angle_1_deg": first["migration_angle_deg"],
+            "angle_2_deg": second["migration_angle_deg"],
+            "predicted_separation_deg": abs(difference["predicted_deg"]),
+            "uncertainty_deg": design["uncertainty_deg"],
+            "length_mm": length, "pressure_drop_kPa": pressure,
+            "permeability_over_pitch2": permeability, "pressure_basis": basis,
+            "throughput_uL_per_h": chip.throughput_uL_per_h,
+            "agrees": difference["agrees"], "separates": separates,
+            "verdict": _design_verdict(difference, separates), "stopped": stopped,
+            "separation_low_height_deg": None, "separation_high_height_deg": None,
+        })  # fmt: skip
+    table = pd.DataFrame(rows, columns=[c for c in VERIFIED_COLUMNS if c not in LATER])
+    if table.empty:
+        return table.reindex(columns=VERIFIED_COLUMNS)
+    place = [table[name].to_numpy() for name in GEOMETRY]
+    angles = task.angles(*place)
+    predicted = table.assign(angle_1_deg=angles[0], angle_2_deg=angles[1])
+    least, largest = _over_tolerance(task, predicted)
+    drawn = task.drawn(*place)
+    shift = np.array([
+        [[mode_of(a, 1 / n) != mode_of(at, 1 / n) for a in row]
+         for row, n, at in zip(cell, place[2], nominal, strict=True)]
+        for cell, nominal in zip(drawn, angles, strict=True)
+    ])  # fmt: skip
+    table = table.assign(
+        separation_tolerance_min_deg=least, separation_tolerance_max_deg=largest,
+        robust_separation_deg=task.robust(*place)[0],
+        mode_change_probability=shift.any(axis=0).mean(axis=1),
+    )
+    value = table["separation_deg"].astype(float).fillna(-1.0)
+    table = table.assign(value=value, inside_training_domain=value >= 0).sort_values(
+        "value", ascending=False, kind="stable", ignore_index=True)
+    sigma = table["sigma_num_deg"].astype(float)
+    table["rank"] = ranks_of(table.assign(sigma_num_deg=sigma), "value")
+    table["name"] = [f"{request.name}-{k}" for k in range(1, len(table) + 1)]
+    return table[VERIFIED_COLUMNS]
+
+
+LATER = ("rank", "name", "separation_tolerance_min_deg", "separation_tolerance_max_deg",
+         "robust_separation_deg", "mode_change_probability")
+VERIFIED_COLUMNS = [
+    "request", "rank", "name", "array", "round", *GEOMETRY, "separation_deg", "sigma_num_deg",
+    "angle_1_deg", "angle_2_deg", "mode_1", "mode_2", "status_1", "status_2",
+    "predicted_separation_deg", "uncertainty_deg", "separation_tolerance_min_deg",
+    "separation_tolerance_max_deg", "robust_separation_deg", "mode_change_probability",
+    "separation_low_height_deg", "separation_high_height_deg", "permeability_over_pitch2",
+    "length_mm", "pressure_drop_kPa", "pressure_basis", "throughput_uL_per_h", "agrees",
+    "separates", "verdict", "stopped",
+]  # fmt: skip
+
+
+def _design_verdict(difference: Mapping[str, Any], separates: bool | None) -> str:
+    """Whether it separates, whether that was predicted, and what is open."""
+    simulated, sigma = difference["simulated_deg"], difference["sigma_num_deg"]
+    if simulated is None:
+        return f"no separation measured: {difference['note']}"
+    words = {
+        True: f"separates by {abs(simulated):.2f} ± {sigma or 0:.2f}°",
+        False: f"does not separate: {abs(simulated):.2f}° is within {SIGMAS} σ_num of zero",
+        None: f"separation {abs(simulated):.2f}°, numerical uncertainty not studied",
+    }[separates]
+    parts = [words, difference["verdict"]]
+    if separates is not False and simulated * difference["predicted_deg"] < 0:
+        parts.append("in the opposite order")
+    return "; ".join([*parts, *filter(None, [difference["note"]])])
+
+
+def _height_runs(task: Task, designs: pd.DataFrame, populations, simulate, left: int) -> list[dict]:
+    """The best design at both heights of the tolerance, as far as the budget goes."""
+    best, request = designs.iloc[0], task.request
+    if pd.isna(best["separation_deg"]):
+        return []
+    geometry = Geometry(**{name: best[name] for name in GEOMETRY})
+    found = []
+    for offset in (-request.height_tolerance_um, request.height_tolerance_um):
+        if left < 2:
+            break
+        left -= 2
+        height = task.chip.flow.height_um + offset
+        rows = compare(task, populations, geometry,
+                       _simulate_pair(simulate, geometry, populations, height))
+        for row in rows:  # the surrogate knows one height: nothing was predicted for this one
+            row |= {"agrees": None, "verdict": "height off: not predicted, only simulated"}
+        found += [{"request": request.name, "round": int(best["round"]), "role": "height",
+                   "array": int(best["array"]), "height_um": height, **row} for row in rows]
+    return found
+
+
+def _with_heights(designs: pd.DataFrame, heights: Sequence[Mapping], height_um: float
+                  ) -> pd.DataFrame:
+    """The table with the simulated separation of the best design at both heights."""
+    designs = designs.copy()
+    order = 1.0 if designs["angle_2_deg"].iloc[0] >= designs["angle_1_deg"].iloc[0] else -1.0
+    for row in heights:
+        if row["population"] == "difference" and row["simulated_deg"] is not None:
+            side = "low" if row["height_um"] < height_um else "high"
+            designs.loc[designs.index[0], f"separation_{side}_height_deg"] = (
+                order * row["simulated_deg"])
+    return designs
+
+
+def export(
+    outcome: Outcome, request: DesignRequest, chip: Chip, simulator: Simulator, count: int,
+    directory: Path, about: Mapping[str, Any], card: Mapping[str, Any],
+) -> dict[str, dict[str, Path]]:
+    """Files of the best verified designs, by name; those without both angles have none."""
+    written = {}
+    table = outcome.verifications
+    for _, design in outcome.designs.head(count).iterrows():
+        if pd.isna(design["separation_deg"]):
+            continue
+        of_design = table[(table["array"] == design["array"]) & (table["role"] == "design")]
+        predicted = of_design.set_index("population")["predicted_deg"]
+        passages = [simulator.passage(outcome.rows[name])
+                    for name in of_design["run_id"][of_design["population"] != "difference"]]
+        values = {key: value for key, value in design.items() if key not in ("name", "array")} | {
+            "angle_1_deg": predicted["1"], "angle_2_deg": predicted["2"],
+            "simulated_angle_1_deg": design["angle_1_deg"],
+            "simulated_angle_2_deg": design["angle_2_deg"],
+        }  # fmt: skip
+        written[design["name"]] = export_design(
+            design["name"], values, request, chip.device, directory, about=about, card=card,
+            verified=passages,
+        )  # fmt: skip
+    return written
+
+
+def plain(table: pd.DataFrame) -> list[dict]:
+    """Rows for `write_table`: NaN and missing values as None, NumPy's numbers as Python's."""
+    rows = table.astype(object).where(table.notna(), None).to_dict("records")
+    return json.loads(json.dumps(rows, default=lambda v: v.item()))
+
+
+def conditions(runs: pd.DataFrame, scene: Scene) -> None:
+    """Refuse a table of runs made under other conditions than the scene's.
+
+    Raises DldsimError that names what differs.
+    """
+    wanted = {"cell_shape": scene.cell.shape, "height_um": scene.flow.height_um,
+              "mean_velocity_mm_s": scene.flow.mean_velocity_mm_s}
+    for name, value in wanted.items():
+        if name not in runs:
+            raise DldsimError(f"The table of runs lacks the column {name}.")
+        other = sorted(set(runs[name]) - {value})
+        if other:
+            raise DldsimError(
+                f"The runs were made with {name} = {', '.join(map(str, other))}, the configuration "
+                f"has {value}. A design holds only for what was simulated: give the configuration "
+                "of that campaign with --config."
+            )

@@ -1,0 +1,22 @@
+"""Verifications of all requests in, their tables and the refitted surrogate out."""
+
+from pathlib import Path
+
+from dldsim.design_jobs import gather_verified
+from dldsim.jobs import job_log
+
+with job_log(snakemake.log[0]):
+    gather_verified(
+        snakemake.params.settings,
+        verifications=map(Path, snakemake.input.verifications),
+        designs=map(Path, snakemake.input.designs),
+        added=map(Path, snakemake.input.added),
+        runs=Path(snakemake.input.runs),
+        tables={
+            "verifications": Path(snakemake.output.verifications),
+            "verified_designs": Path(snakemake.output.designs),
+            "runs": Path(snakemake.output.runs),
+        },
+        model=Path(snakemake.output.model),
+        card=Path(snakemake.output.card),
+    )

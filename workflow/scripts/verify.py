@@ -1,0 +1,16 @@
+"""One design request: surrogate and runs in, verified designs and their files out."""
+
+from pathlib import Path
+
+from dldsim.design_jobs import verify_job
+from dldsim.jobs import job_log
+
+with job_log(snakemake.log[0]) as progress:
+    verify_job(
+        snakemake.wildcards.request,
+        snakemake.params.settings,
+        work=Path(snakemake.params.work),
+        progress=progress,
+        **{name: Path(path) for name, path in snakemake.output.items()},
+        **{name: Path(path) for name, path in snakemake.input.items()},
+    )
