@@ -1,6 +1,6 @@
 """Speed of every kernel of a time step, beside what this core can do.
 
-``python -m benchmarks.kernels [--json] [--precision float64] [--edge-to-spacing 0.43] [--box 96]``
+``python -m benchmarks.kernels [--json] [--precision float64] [--scene 1.25:1] [--box 96]``
 
 Times are processor time of the one thread (medians over rounds in which all parts take turns), so
 that other jobs on the machine disturb them little. Limits of the core are measured beside: a triad
@@ -31,6 +31,7 @@ STIFFNESS = Stiffness(
     ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
 )  # fmt: skip
+EXTENT = "nx", "ny", "nz"
 WARM_UP = 500
 """Steps in which the cell deforms before anything is measured."""
 
@@ -77,7 +78,7 @@ def _multiply_add(repetitions, a, b, c):
 def core_limits(size: int, dtype, rounds: int) -> dict[str, float]:
     """Bandwidth [GB/s] of a triad over ``size`` bytes, and additions and products [GFLOP/s]."""
     one = np.dtype(dtype).type
-    a, b, c = (aligned_zeros(size // 3 // a_byte(dtype), dtype) for _ in range(3))
+    a, b, c = (aligned_zeros(size // 3 // np.dtype(dtype).itemsize, dtype) for _ in range(3))
     few = aligned_zeros(1024, dtype)
     times = median_times(
         {
@@ -90,11 +91,6 @@ def core_limits(size: int, dtype, rounds: int) -> dict[str, float]:
         "triad_GB_per_s": 3 * a.nbytes / times["triad"] / 1e9,
         "multiply_add_GFLOP_per_s": 2 * 16 * len(few) / times["multiply-add"] / 1e9,
     }
-
-
-def a_byte(dtype) -> int:
-    """Bytes of one number."""
-    return np.dtype(dtype).itemsize
 
 
 def operations_per_update() -> int:
@@ -117,17 +113,16 @@ def operations_per_update() -> int:
 
 
 def bytes_per_update(dtype) -> int:
-    """Populations read and written, force read, velocity written; what a store fetches first
-    (write allocation) is not counted."""
-    return (2 * 19 + 2 * 3) * a_byte(dtype)
+    """Populations read and written where they were read (see dldsim.lattice)."""
+    return 2 * 19 * np.dtype(dtype).itemsize
 
 
 # ------------------------------------------------------------------ scenes
 
 
-def unit_cell(precision: str, edge_to_spacing: float) -> cellflow.CellInFlow:
+def unit_cell(precision: str, spacing_um: float, edge: float) -> cellflow.CellInFlow:
     """A cell in the unit cell of an array, with pillars, walls and shifted periodicity."""
-    numerics = Numerics(precision=precision, edge_to_spacing=edge_to_spacing)
+    numerics = Numerics(precision=precision, spacing_um=spacing_um, edge_to_spacing=edge)
     flow = Flow()
     scene = make_scene(
         make_array(GEOMETRY, flow, numerics), solve_empty_array(GEOMETRY, flow, numerics),
@@ -147,8 +142,8 @@ def empty_box(cells: tuple[int, int, int], precision: str) -> Fluid:
 
 
 def fluid_arrays(fluid: Fluid) -> int:
-    """Bytes of the fluid's arrays."""
-    return sum(a.nbytes for a in (fluid.f, fluid.f_new, fluid.force, fluid.velocity))
+    """Bytes of the populations."""
+    return fluid.f.nbytes
 
 
 def repeated(kernel, *arguments) -> Callable[[int], None]:
@@ -186,9 +181,9 @@ def cell_parts(scene: cellflow.CellInFlow) -> dict[str, Callable[[int], None]]:
     }
 
 
-def measure_cell(precision: str, edge_to_spacing: float, rounds: int) -> dict:
+def measure_cell(precision: str, spacing_um: float, edge: float, rounds: int) -> dict:
     """Times [µs] of the parts of a step, and of the step as a whole, in one unit cell."""
-    scene = unit_cell(precision, edge_to_spacing)
+    scene = unit_cell(precision, spacing_um, edge)
     fluid = scene.fluid
     alone = Fluid(
         fluid.lattice, fluid.relaxation_time, fluid.collision, fluid.inertia, fluid.dtype
@@ -198,7 +193,7 @@ def measure_cell(precision: str, edge_to_spacing: float, rounds: int) -> dict:
     parts = {"step": scene.advance, "fluid": alone.advance, **cell_parts(scene)}
     times = {name: 1e6 * t for name, t in median_times(parts, rounds).items()}
     return {
-        "scene": "unit cell",
+        "scene": "unit cell {}×{}×{}".format(*(getattr(fluid.lattice, n) for n in EXTENT)),
         "precision": precision,
         "nodes": fluid.lattice.nodes,
         "vertices": scene.vertices,
@@ -265,14 +260,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--json", action="store_true", help="one JSON list instead of a table")
     parser.add_argument("--precision", nargs="+", default=["float32", "float64"])
-    parser.add_argument("--edge-to-spacing", nargs="+", type=float, default=[1.0, 0.43])
+    parser.add_argument(
+        "--scene", nargs="*", default=["1.25:1", "0.67:0.75"],
+        help="unit cells, each as lattice spacing [µm]:membrane edge over spacing",
+    )  # fmt: skip
     parser.add_argument("--box", nargs="*", type=int, default=[96], help="cubes' edges in nodes")
     parser.add_argument("--rounds", type=int, default=15)
     given = parser.parse_args()
     results = [
-        measure_cell(precision, edge, given.rounds)
+        measure_cell(precision, *map(float, scene.split(":")), given.rounds)
         for precision in given.precision
-        for edge in given.edge_to_spacing
+        for scene in given.scene
     ]
     results += [
         measure_box((n, n, n), precision, max(3, given.rounds // 3))

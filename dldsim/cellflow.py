@@ -465,4 +465,4 @@ class CellInFlow:
 
     def energies(self) -> Energies:
         """Elastic energy of each term, lattice units."""
-        return energies(self.body.x, self.membrane, self.moduli)
+        return energies(self.body.x, self.membrane, self.moduli, self.scratch)

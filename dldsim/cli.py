@@ -182,7 +182,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     from dldsim.design import search
     from dldsim.jobs import provenance
 
-    request = validate(DesignRequest, {"name": args.request_name} | _given(DesignRequest, args))
+    request = validate(DesignRequest, _given(DesignRequest, args) | {"name": args.request_name})
     config = _campaign(args.config)
     safety = args.safety_distance_um
     if safety is None:
@@ -488,7 +488,8 @@ def _design_lines(summary: Mapping) -> list[str]:
         "verdict": [d["verdict"].partition(";")[0] for d in designs],
     })  # fmt: skip
     notes = dict.fromkeys(note.strip() for d in designs for note in d["verdict"].split(";")[1:])
-    lines += ["", *notes, "± uncertainty: half of the 90 % interval; robust: exceeded by nine of ten draws",
+    lines += ["", *notes,
+              "± uncertainty: half of the 90 % interval; robust: exceeded by nine of ten draws",
               f"pressure drop: {designs[0]['pressure_basis']}; throughput "
               f"{designs[0]['throughput_uL_per_h']:.3g} µL/h", "", "Best candidate, one thing off:"]
     first = [t for t in summary["tolerances"] if t["design"] == 1]

@@ -17,7 +17,7 @@ import pandas as pd
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle
 
 from dldsim.mesh import EVANS_FUNG
 
@@ -26,13 +26,10 @@ MODES = ("bump", "mixed", "zigzag", "none")
 MODE_COLOUR = {"bump": "#0072B2", "mixed": "#009E73", "zigzag": "#D55E00", "none": "#7F7F7F"}
 MODE_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
 SET_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
-SPLIT_COLOUR = {"random": "#56B4E9", "geometry": "#D55E00"}
 GREY = "#5F6368"
 PILLAR = "#C9CDD2"
 SCATTER_OF_LAW = 0.10
 """Relative scatter of measured critical diameters about 1.4 G ε^0.48 (Davis's devices)."""
-PAPER_DEFORMATION_INDEX = {"G1": 0.50, "G2": 0.60, "G5": 0.777, "G6": 0.781, "G7": 0.784}
-"""Deformation index that the source paper gives for its stiffness sets 1 to 5."""
 LONGEST_VIEW = 14
 """Rows that a trajectory panel shows at most, unless one period is longer."""
 
@@ -242,30 +239,6 @@ def trajectory_panel(
     )
 
 
-def pooled_scores(predictions: pd.DataFrame) -> pd.DataFrame:
-    """RMSE, MAE and R² of every model and split over all its held-out predictions together.
-
-    Pooling avoids the R² of a fold with few, nearly equal angles. Columns: model, split, n,
-    rmse_deg, mae_deg, r2 (null when all observations are equal); sorted by RMSE by geometry.
-    """
-    rows = []
-    for (model, split), group in predictions.groupby(["model", "split"]):
-        error = group["predicted_deg"] - group["observed_deg"]
-        spread = ((group["observed_deg"] - group["observed_deg"].mean()) ** 2).sum()
-        rows.append(
-            {
-                "model": model, "split": split, "n": len(group),
-                "rmse_deg": float(np.sqrt((error**2).mean())),
-                "mae_deg": float(error.abs().mean()),
-                "r2": float(1 - (error**2).sum() / spread) if spread > 0 else None,
-            }
-        )
-    scores = pd.DataFrame(rows)
-    by_geometry = scores[scores["split"] == "geometry"].set_index("model")["rmse_deg"]
-    order = scores["model"].map(by_geometry).fillna(np.inf)
-    return scores.assign(order=order).sort_values(["order", "model", "split"]).drop(columns="order")
-
-
 def best_so_far(trials: pd.DataFrame) -> pd.DataFrame:
     """Trials in order with the largest feasible separation up to each, column best_deg."""
     trials = trials.sort_values("trial")
@@ -287,7 +260,7 @@ def shades_of(values, name: str = "viridis", top: float = 0.88) -> dict:
     return {value: matplotlib.colors.to_hex(c) for value, c in zip(values, colours, strict=False)}
 
 
-def _set_markers(runs: pd.DataFrame) -> dict:
+def set_markers(runs: pd.DataFrame) -> dict:
     sets = ordered(runs["stiffness_set"])
     return {name: SET_MARKERS[i % len(SET_MARKERS)] for i, name in enumerate(sets)}
 
@@ -324,17 +297,17 @@ def legend(figure, handles, **options):
     )
 
 
-def _mode_keys(runs: pd.DataFrame) -> list:
+def mode_keys(runs: pd.DataFrame) -> list:
     present = [mode for mode in MODES if (runs["mode"] == mode).any()]
     return [key(MODE_COLOUR[m], MODE_MARKER[m], label=mode_name(m)) for m in present]
 
 
-def _open_key(runs: pd.DataFrame) -> list:
+def open_key(runs: pd.DataFrame) -> list:
     open_ = [key(GREY, "o", filled=False, label="not converged")]
     return open_ if (~settled(runs)).any() else []
 
 
-def _dodge(index: int, count: int, width: float) -> float:
+def dodge(index: int, count: int, width: float) -> float:
     """Offset that keeps count markers at one abscissa apart within ± width/2."""
     return 0.0 if count < 2 else width * (index / (count - 1) - 0.5)
 
@@ -455,7 +428,7 @@ def draw_angles(runs: pd.DataFrame) -> Figure:
     radii = ordered(points["pillar_radius_um"])
     against_gap = points.groupby("pillar_radius_um")["gap_um"].nunique().max() > 1
     x_name = "gap_um" if against_gap else "periodicity"
-    colours, markers = shades_of(points["periodicity"]), _set_markers(points)
+    colours, markers = shades_of(points["periodicity"]), set_markers(points)
     dodge = 0.34 * _step(points[x_name])
     figure, panels = multiples(len(radii), 3, 9.2, 3.3, sharey=True)
     for panel, radius in zip(panels, radii, strict=True):
@@ -470,13 +443,13 @@ def draw_angles(runs: pd.DataFrame) -> Figure:
                            [of_period["bump_angle_deg"].iloc[0]] * 2, ":", color=colour)
             for index, (name, marker) in enumerate(markers.items()):
                 of_set = of_period[of_period["stiffness_set"] == name].sort_values(x_name)
-                x = of_set[x_name] + _dodge(index, len(markers), dodge)
+                x = of_set[x_name] + dodge(index, len(markers), dodge)
                 panel.plot(x, of_set["migration_angle_deg"], color=colour, linewidth=0.7, alpha=0.5)
                 bars = of_set["sigma_num_deg"].fillna(0.0)
                 panel.errorbar(x, of_set["migration_angle_deg"], bars, fmt="none", ecolor=colour,
                                elinewidth=0.9)
                 for filled, part in of_set.groupby(settled(of_set)):
-                    dot(panel, part[x_name] + _dodge(index, len(markers), dodge),
+                    dot(panel, part[x_name] + dodge(index, len(markers), dodge),
                          part["migration_angle_deg"], colour, marker, filled)
         gap = "" if against_gap else f", $P_g$ = {here['gap_um'].iloc[0]:g} µm"
         panel.set_title(f"$P_r$ = {radius:g} µm{gap}")
@@ -486,7 +459,7 @@ def draw_angles(runs: pd.DataFrame) -> Figure:
             panel.set_ylabel(r"migration angle $\theta_m$ [°]")
     handles = [key(c, "s", label=f"$N_p$ = {p}") for p, c in colours.items()]
     handles += [key(GREY, m, label=f"set {name}") for name, m in markers.items()]
-    handles += [key(GREY, line=":", label="full bump angle")] + _open_key(points)
+    handles += [key(GREY, line=":", label="full bump angle")] + open_key(points)
     legend(figure, handles, ncols=8)
     return figure
 
@@ -519,7 +492,7 @@ def draw_deformability(runs: pd.DataFrame) -> Figure:
             panel.set_ylabel(r"$\theta_m$ / bump angle")
     handles = [key(c, "o", label=f"$N_p$ = {p}") for p, c in colours.items()]
     handles += [key(GREY, line=s, label=f"$P_g$ = {g:g} µm") for g, s in styles.items()]
-    legend(figure, handles + _open_key(points), ncols=7)
+    legend(figure, handles + open_key(points), ncols=7)
     return figure
 
 
@@ -543,7 +516,7 @@ def draw_first_period(runs: pd.DataFrame) -> Figure:
     periodicities = ordered(bumps["periodicity"])
     gaps = shades_of(bumps["gap_um"], "cividis")
     for (gap, filled), part in bumps.groupby(["gap_um", settled(bumps)]):
-        offset = _dodge(list(gaps).index(gap), len(gaps), 0.5)
+        offset = dodge(list(gaps).index(gap), len(gaps), 0.5)
         places = part["periodicity"].map(periodicities.index) + offset
         dot(right, places, part["first_period_angle_deg"] / part["migration_angle_deg"],
              gaps[gap], "o", filled)
@@ -553,7 +526,7 @@ def draw_first_period(runs: pd.DataFrame) -> Figure:
     right.set_title("bumping runs")
     right.legend(handles=[key(c, "o", label=f"$P_g$ = {g:g} µm") for g, c in gaps.items()],
                  loc="lower right", ncols=2)
-    legend(figure, _mode_keys(points) + _open_key(points))
+    legend(figure, mode_keys(points) + open_key(points))
     return figure
 
 
@@ -574,7 +547,7 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     columns = points[["pillar_radius_um", "stiffness_set"]].apply(tuple, axis=1)
     order = {key: i for i, key in enumerate(ordered(columns))}
     for (mode, filled), part in points.groupby(["mode", settled(points)]):
-        places = [_dodge(order[key], len(order), width) for key in columns[part.index]]
+        places = [dodge(order[key], len(order), width) for key in columns[part.index]]
         dot(left, part["periodicity"] + places, part["size_over_gap"], MODE_COLOUR[mode],
              MODE_MARKER[mode], filled, markersize=4.5)
         dot(right, part["size_over_critical"], part["angle_ratio"], MODE_COLOUR[mode],
@@ -588,286 +561,13 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     right.axhline(1, color="black", linestyle=":", linewidth=1)
     right.axhline(0, color="black", linestyle=":", linewidth=1)
     right.set(xlabel="cell size / $D_c$", ylabel=r"$\theta_m$ / bump angle")
-    handles = _mode_keys(points) + _open_key(points)
+    handles = mode_keys(points) + open_key(points)
     handles.append(key("black", line="-", label=r"$D_c = 1.4\,G\,\varepsilon^{0.48}$ (± 10 %)"))
     legend(figure, handles)
     return figure
 
 
-# -------------------------------------------------------------------------------------- calibration
-
-
-@styled
-def draw_calibration(
-    runs: pd.DataFrame, calibration: pd.DataFrame, correlations: pd.DataFrame | None
-) -> Figure:
-    """DI per group with scatter over release positions, and the correlations with the moduli."""
-    figure = Figure(figsize=(9.2, 3.8), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.35, 1))
-    groups = ordered(calibration["group"])
-    designs = ordered(runs["design"])
-    shades = dict(zip(designs, ("#0072B2", "#E69F00", "#009E73", "#CC79A7"), strict=False))
-    seen = runs[runs["deformation_index"].notna() & runs["group"].isin(groups)]
-    for index, design in enumerate(designs):
-        for group, part in seen[seen["design"] == design].groupby("group"):
-            place = groups.index(group) + _dodge(index, len(designs), 0.3)
-            spread = [_dodge(i, len(part), 0.16) for i in range(len(part))]
-            left.plot(place + np.array(spread), part["deformation_index"], "o", alpha=0.8,
-                      color=shades[design], markersize=4, markeredgewidth=0)
-    for _, row in calibration.iterrows():
-        place = groups.index(row["group"]) + 0.32
-        left.errorbar(place, row["deformation_index"], row["deformation_index_std"], fmt="s",
-                      color="black", capsize=2.5, markersize=4, elinewidth=1)
-        if row["group"] in PAPER_DEFORMATION_INDEX:
-            left.plot(place - 0.64, PAPER_DEFORMATION_INDEX[row["group"]], "D", color=GREY,
-                      markerfacecolor="white", markersize=5)
-    names = [
-        f"{row['group']}\nset {row['stiffness_set']}" if row["stiffness_set"] else row["group"]
-        for _, row in calibration.set_index("group", drop=False).loc[groups].iterrows()
-    ]
-    left.set_xticks(range(len(groups)), names)
-    left.set(ylabel="deformation index DI", ylim=(0, 1), xlim=(-0.6, len(groups) - 0.4))
-    handles = [key(shades[d], "o", label=f"one run ({d})") for d in designs]
-    handles += [key("black", "s", label="mean ± standard deviation"),
-                key(GREY, "D", filled=False, label="source paper")]
-    if correlations is None or not len(correlations):
-        right.remove()
-    else:
-        _draw_correlations(right, correlations)
-    legend(figure, handles)
-    return figure
-
-
-VARIABLE_LABEL = {
-    "deformation_index": "DI", "ks_uN_per_m": "$k_s$", "kb_pN_um": "$k_b$",
-    "kal_uN_per_m": r"$k_\alpha$", "velocity_mm_s": "velocity",
-    "release_position_um": "release\nposition",
-}
-
-
-def correlation_matrix(correlations: pd.DataFrame) -> pd.DataFrame:
-    """Square symmetric matrix of Pearson r with unit diagonal from the table of pairs."""
-    names = list(dict.fromkeys([*correlations["variable_a"], *correlations["variable_b"]]))
-    matrix = pd.DataFrame(np.nan, index=names, columns=names)
-    for _, row in correlations.iterrows():
-        matrix.loc[row["variable_a"], row["variable_b"]] = row["pearson_r"]
-        matrix.loc[row["variable_b"], row["variable_a"]] = row["pearson_r"]
-    for name in names:
-        matrix.loc[name, name] = 1.0
-    return matrix
-
-
-def _draw_correlations(axes, correlations: pd.DataFrame) -> None:
-    matrix = correlation_matrix(correlations)
-    axes.imshow(matrix.to_numpy(), cmap="PuOr_r", vmin=-1.35, vmax=1.35)
-    for i, row in enumerate(matrix.to_numpy()):
-        for j, value in enumerate(row):
-            text = "–" if np.isnan(value) else f"{value:.2f}"
-            axes.text(j, i, text, ha="center", va="center", fontsize=8,
-                      color="white" if abs(value) > 0.75 else "black")
-    labels = [VARIABLE_LABEL.get(name, name) for name in matrix]
-    axes.set_xticks(range(len(labels)), labels)
-    axes.set_yticks(range(len(labels)), labels)
-    axes.grid(False)
-    axes.spines[:].set_visible(False)
-    axes.tick_params(length=0)
-    axes.set_title("Pearson correlation")
-
-
-@styled
-def draw_moduli(runs: pd.DataFrame) -> Figure:
-    """DI of each constriction run against k_s, k_α, k_b and the velocity."""
-    seen = runs[runs["deformation_index"].notna()]
-    names = {
-        "ks_uN_per_m": "$k_s$ [µN/m]", "kal_uN_per_m": r"$k_\alpha$ [µN/m]",
-        "kb_pN_um": "$k_b$ [pN·µm]", "velocity_mm_s": "velocity [mm/s]",
-    }
-    figure, panels = multiples(4, 4, 9.2, 2.5, sharey=True)
-    groups = shades_of(seen["group"])
-    for panel, (name, label) in zip(panels, names.items(), strict=True):
-        for group, part in seen.groupby("group"):
-            panel.plot(part[name], part["deformation_index"], "o", color=groups[group],
-                       markersize=4, alpha=0.85)
-        if name == "kb_pN_um" and (seen[name] > 0).all():
-            panel.set_xscale("log")
-            panel.xaxis.set_major_formatter("{x:g}")
-            panel.xaxis.set_minor_formatter("")
-        panel.set(xlabel=label, ylim=(0, 1))
-    panels[0].set_ylabel("deformation index DI")
-    legend(figure, [key(c, "o", label=g) for g, c in groups.items()], ncols=7)
-    return figure
-
-
-@styled
-def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
-    """Diameters D (along the flow), H (across) and DI along the channel, coloured by group."""
-    group_of = runs.set_index("run_id")["group"]
-    colours = shades_of(group_of)
-    names = {
-        "diameter_d_um": "$D$ along flow [µm]", "diameter_h_um": "$H$ across flow [µm]",
-        "deformation_index": "DI",
-    }
-    figure = Figure(figsize=(9.2, 5.6), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True)
-    for panel, (name, label) in zip(panels, names.items(), strict=True):
-        for run_id, track in tracks.groupby("run_id"):
-            panel.plot(track["x_um"], track[name], color=colours[group_of[run_id]],
-                       linewidth=0.9, alpha=0.8)
-        panel.set_ylabel(label)
-        panel.set_ylim(bottom=0)
-    panels[-1].set_xlabel("centre of mass along the channel $x$ [µm]")
-    legend(figure, [key(c, line="-", label=g) for g, c in colours.items()], ncols=7)
-    return figure
-
-
-# --------------------------------------------------------------------------------------- statistics
-
-
-MODEL_TITLE = {
-    "hierarchical": "hierarchical model", "main_effects": "main effects alone",
-    "seed_interactions": "interactions alone (source paper)",
-}
-
-
-def _term(name: str) -> str:
-    for column, symbol in (("pillar_radius_um", "$P_r$"), ("gap_um", "$P_g$"),
-                           ("periodicity", "$N_p$"), ("deformation_index", "DI"), (":", " × ")):
-        name = name.replace(column, symbol)
-    return name
-
-
-@styled
-def draw_effects(anova: pd.DataFrame) -> Figure:
-    """Partial η² of every term, a panel per model; filled where p < 0.05."""
-    table = anova[anova["partial_eta_sq"].notna()]
-    given = list(dict.fromkeys(table["model"]))
-    models = sorted(given, key=lambda m: [*MODEL_TITLE, m].index(m))
-    counts = [(table["model"] == model).sum() for model in models]
-    figure = Figure(figsize=(9.2, 0.9 + 0.24 * max(counts)), layout="constrained")
-    panels = figure.subplots(1, len(models), squeeze=False, sharex=True)[0]
-    for panel, model in zip(panels, models, strict=True):
-        part = table[table["model"] == model].iloc[::-1]
-        clear = (part["p_value"].fillna(1.0) < 0.05).to_numpy()
-        places = np.arange(len(part))
-        panel.barh(places, part["partial_eta_sq"], height=0.6, edgecolor="#0072B2",
-                   color=np.where(clear, "#0072B2", "#FFFFFF"))
-        panel.set_yticks(places, [_term(name) for name in part["term"]])
-        panel.tick_params(axis="y", length=0)
-        panel.grid(axis="y", visible=False)
-        panel.set_ylim(len(part) - max(counts) - 0.6, len(part) - 0.4)
-        panel.set_title(MODEL_TITLE.get(model, model))
-        panel.set(xlabel=r"partial $\eta^2$", xlim=(0, 1))
-    return figure
-
-
-@styled
-def draw_robustness(robustness: pd.DataFrame) -> Figure:
-    """Stability score over gap and N_p, a panel per P_r; a frame marks the most stable 15 %."""
-    radii = ordered(robustness["pillar_radius_um"])
-    figure, panels = multiples(len(radii), 3, 9.2, 3.2)
-    scores = robustness["stability_score_deg2"].dropna()
-    low, high = scores.min(), scores.max()
-    wide = low > 0 and high / low > 30
-    norm = (matplotlib.colors.LogNorm if wide else matplotlib.colors.Normalize)(low, high)
-    colours = matplotlib.colormaps["cividis"]
-    for panel, radius in zip(panels, radii, strict=True):
-        here = robustness[robustness["pillar_radius_um"] == radius]
-        gaps, periods = ordered(here["gap_um"]), ordered(here["periodicity"])
-        for _, row in here.iterrows():
-            corner = (gaps.index(row["gap_um"]) - 0.5, periods.index(row["periodicity"]) - 0.5)
-            score = row["stability_score_deg2"]
-            known = not pd.isna(score)
-            colour = colours(norm(score)) if known else "#F3F3F3"
-            panel.add_patch(Rectangle(corner, 1, 1, facecolor=colour, edgecolor="white"))
-            dark = known and sum(colour[:3]) < 1.35
-            text = "–" if pd.isna(row["mean_migration_angle_deg"]) else (
-                f"{row['mean_migration_angle_deg']:.1f}°")
-            panel.text(corner[0] + 0.5, corner[1] + 0.5, text, ha="center", va="center",
-                       color="white" if dark else "black", fontsize=8.5)
-        for _, row in here[here["robust"].astype(bool)].iterrows():
-            corner = (gaps.index(row["gap_um"]) - 0.46, periods.index(row["periodicity"]) - 0.46)
-            panel.add_patch(Rectangle(corner, 0.92, 0.92, fill=False, edgecolor="#D55E00",
-                                      linewidth=2.4))
-        panel.set(xlim=(-0.5, len(gaps) - 0.5), ylim=(-0.5, len(periods) - 0.5),
-                  xlabel="gap $P_g$ [µm]")
-        panel.set_xticks(range(len(gaps)), [f"{gap:g}" for gap in gaps])
-        panel.set_yticks(range(len(periods)), [str(period) for period in periods])
-        panel.set_title(f"$P_r$ = {radius:g} µm")
-        panel.grid(False)
-        panel.tick_params(length=0)
-        if panel.get_subplotspec().is_first_col():
-            panel.set_ylabel("periodicity $N_p$")
-    scale = matplotlib.cm.ScalarMappable(norm, colours)
-    figure.colorbar(scale, ax=panels, label="stability score [deg²], low is stable", shrink=0.9)
-    return figure
-
-
-# --------------------------------------------------------------------------- surrogate and designs
-
-
-@styled
-def draw_benchmark(scores: pd.DataFrame, benchmark: pd.DataFrame) -> Figure:
-    """RMSE and R² per model, random split beside split by geometry.
-
-    scores: table from pooled_scores (large dots); benchmark: one small dot per fold (RMSE).
-    """
-    models = list(dict.fromkeys(scores["model"]))[::-1]
-    figure = Figure(figsize=(9.2, 1.3 + 0.36 * len(models)), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
-    for index, (split, colour) in enumerate(SPLIT_COLOUR.items()):
-        offset = _dodge(index, 2, 0.34)
-        marker = {"random": "o", "geometry": "D"}[split]
-        folds = benchmark[(benchmark["split"] == split) & benchmark["model"].isin(models)]
-        left.plot(folds["rmse_deg"], folds["model"].map(models.index) + offset, "|", color=colour,
-                  markersize=8, alpha=0.7)
-        part = scores[scores["split"] == split]
-        places = part["model"].map(models.index) + offset
-        dot(left, part["rmse_deg"], places, colour, marker, True, markersize=6)
-        r2 = part["r2"].astype(float)
-        dot(right, r2.clip(lower=-0.2), places, colour, marker, True, markersize=6)
-        for place, value in zip(places, r2, strict=True):
-            if value < -0.2:
-                right.annotate(f"−{-value:.2g}", (-0.2, place), xytext=(-6, 0), ha="right",
-                               va="center", textcoords="offset points", fontsize=8, color=colour)
-    left.set_yticks(range(len(models)), models)
-    left.set_ylim(-0.5, len(models) - 0.5)
-    left.set(xlabel=r"RMSE of $\theta_m$ [°]", xlim=(0, None))
-    right.set(xlabel="$R^2$ of all held-out predictions", xlim=(-0.35, 1.03))
-    right.axvline(0, color=GREY, linewidth=0.8)
-    handles = [key(SPLIT_COLOUR["random"], "o", label="random split"),
-               key(SPLIT_COLOUR["geometry"], "D", label="split by geometry"),
-               key(GREY, "|", label="single fold")]
-    legend(figure, handles)
-    return figure
-
-
-@styled
-def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> Figure:
-    """Predicted against simulated θ_m of one model: random split left, split by geometry right."""
-    part = predictions[predictions["model"] == model]
-    both = part[["observed_deg", "predicted_deg"]]
-    pad = 0.05 * (both.max().max() - both.min().min()) + 0.1
-    limits = (both.min().min() - pad, both.max().max() + pad)
-    line = np.array(limits)
-    figure = Figure(figsize=(9.2, 4.5), layout="constrained")
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    for panel, (split, colour) in zip(panels, SPLIT_COLOUR.items(), strict=True):
-        score = scores[(scores["model"] == model) & (scores["split"] == split)]
-        panel.plot(line, line, color="black", linewidth=1)
-        if len(score):
-            rmse = score["rmse_deg"].iloc[0]
-            panel.fill_between(line, line - rmse, line + rmse, color="#EDEFF2")
-            panel.set_title(f"{model}, {split} split: RMSE {rmse:.2g}°")
-        for filled, dots in part[part["split"] == split].groupby("converged"):
-            dot(panel, dots["observed_deg"], dots["predicted_deg"], colour, "o", filled,
-                 markersize=4.5)
-        panel.set(xlim=limits, ylim=limits, aspect="equal", xlabel=r"simulated $\theta_m$ [°]")
-    panels[0].set_ylabel(r"predicted $\theta_m$, held out [°]")
-    handles = [key(GREY, "o", label="converged"),
-               key(GREY, "o", filled=False, label="not converged"),
-               key("black", line="-", label="exact, shade ± RMSE")]
-    legend(figure, handles)
-    return figure
+# ------------------------------------------------------------------------------------------ designs
 
 
 @styled

@@ -375,7 +375,9 @@ def stretching_integral(s):
     return total
 
 
-def energies(x: np.ndarray, membrane: Membrane, moduli: Moduli) -> Energies:
+def energies(
+    x: np.ndarray, membrane: Membrane, moduli: Moduli, scratch: Scratch | None = None
+) -> Energies:
     """Elastic energy of each term at positions x (V, 3).
 
     Stretching, bending and volume forces are exactly minus the gradients of these. The area
@@ -386,7 +388,7 @@ def energies(x: np.ndarray, membrane: Membrane, moduli: Moduli) -> Energies:
     energy-consistent forces would be −k_α/2 (1 − A₀/A) ∇A and −k_ag/2 (S − S₀)/S₀ ∇S, equal to the
     ones used where triangles are equilateral.
     """
-    return Energies(*energy_terms(x, membrane, moduli, make_scratch(membrane)))
+    return Energies(*energy_terms(x, membrane, moduli, scratch or make_scratch(membrane)))
 
 
 @jit

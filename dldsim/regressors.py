@@ -6,7 +6,7 @@ them, and a prediction for another radius assumes height/R and the capillary num
 """
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from time import perf_counter
 from typing import Any
 
@@ -37,6 +37,8 @@ NEGLIGIBLE = 1e-10
 """A term of less variance in standardised inputs is constant but for rounding."""
 CURVE_REPEATS, CURVE_SIZES, CURVE_HELD_OUT = 10, 7, 0.2
 CURVE_MODELS = (SURROGATE, "XGBoost", CURVE, BASELINE)
+ETA = (-30.0, 5.0)
+"""Beyond these the share is 0 or 1 in double precision."""
 LEAST_SHARE = 1e-4
 """Shares nearer to 0 or 1 start the trees from there: the logarithm of the odds must be finite."""
 
@@ -158,10 +160,17 @@ class TwoLimitCurve(_Settable):
         design = np.column_stack([np.ones(len(y)), (terms - self.centre) / self.scale])
         target, bump = np.clip(share_of(y, rows), 0, 1), x[:, FEATURES.index("bump_angle_deg")]
 
-        def misfit(b: np.ndarray) -> np.ndarray:
-            return np.r_[bump * (_gompertz(design @ b) - target), np.sqrt(self.penalty) * b[1:]]
+        ridge = np.sqrt(self.penalty) * np.eye(design.shape[1])[1:]
 
-        self.coefficients = least_squares(misfit, np.r_[-1.0, np.zeros(terms.shape[1])]).x
+        def misfit(b: np.ndarray) -> np.ndarray:
+            return np.r_[bump * (_gompertz(design @ b) - target), ridge @ b]
+
+        def slope(b: np.ndarray) -> np.ndarray:
+            eta = np.clip(design @ b, *ETA)
+            return np.vstack([(bump * np.exp(eta - np.exp(eta)))[:, None] * design, ridge])
+
+        start = np.r_[-1.0, np.zeros(terms.shape[1])]
+        self.coefficients = least_squares(misfit, start, slope).x
         return self
 
     def share(self, x: np.ndarray) -> np.ndarray:
@@ -189,7 +198,7 @@ class TwoLimitCurve(_Settable):
 
 def _gompertz(eta: np.ndarray) -> np.ndarray:
     """1 − exp(−exp η), the inverse of the complementary log-log link."""
-    return -np.expm1(-np.exp(np.clip(eta, -30, 5)))
+    return -np.expm1(-np.exp(np.clip(eta, *ETA)))
 
 
 def odds(share: np.ndarray) -> np.ndarray:
@@ -250,7 +259,7 @@ def make_regressors(seed: int) -> dict[str, tuple[Any, list[dict[str, Any]]]]:
     from sklearn.svm import SVR
     from xgboost import XGBRegressor
 
-    importance = ExtraTreesRegressor(20, random_state=seed, n_jobs=1)
+    importance = ExtraTreesRegressor(10, random_state=seed, n_jobs=1)
     support_vectors = make_pipeline(
         StandardScaler(), SelectFromModel(importance, threshold="0.1*mean"), SVR(epsilon=0.02)
     )
@@ -262,14 +271,14 @@ def make_regressors(seed: int) -> dict[str, tuple[Any, list[dict[str, Any]]]]:
     )
     return {
         SURROGATE: (BoundedXGBoost(seed), [
-            {"trees": 15, "depth": 2}, {"trees": 60, "depth": 2}, {"trees": 150, "depth": 3}]),
+            {"trees": 15, "depth": 2}, {"trees": 60, "depth": 2}, {"trees": 100, "depth": 3}]),
         CURVE: (TwoLimitCurve(), [{"penalty": p} for p in (0.03, 0.1, 1.0)]),
         "XGBoost": (boosted, [
             {"n_estimators": n, "max_depth": d} for n, d in ((60, 2), (60, 4), (150, 4))]),
         "SVR with feature selection": (
             TransformedTargetRegressor(support_vectors, transformer=StandardScaler()),
             [{"regressor__svr__C": c} for c in (1, 10, 100)]),
-        "random forest": (RandomForestRegressor(50, random_state=seed, n_jobs=1),
+        "random forest": (RandomForestRegressor(30, random_state=seed, n_jobs=1),
                           [{"min_samples_leaf": n} for n in (1, 3)]),
         "polynomial ridge": (polynomial, [{"ridge__alpha": a} for a in (0.01, 0.1, 1, 10, 100)]),
         "elastic net": (make_pipeline(StandardScaler(), ElasticNet(max_iter=100_000)),
@@ -359,8 +368,10 @@ def cross_validate(
     return scores, predictions
 
 
-def benchmark(runs: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Scores per fold and held-out predictions [deg] of all regressors.
+def benchmark(
+    runs: pd.DataFrame, seed: int, names: Collection[str] | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Scores per fold and held-out predictions [deg] of all regressors, or of those named.
 
     Tables of kinds `benchmark` and `predictions`. Two repeats of five folds over rows (`random`,
     the source paper's way, which leaves other stiffness sets of the same array in the training
@@ -371,11 +382,12 @@ def benchmark(runs: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, pd.DataFrame
     Raises DldsimError as `learnable` does.
     """
     data = learnable(runs)
+    regressors = {n: r for n, r in make_regressors(seed).items() if names is None or n in names}
     scores, predictions = [], []
     for split in SPLITS:
         if split == "stiffness" and data.get("stiffness_set", pd.Series(dtype=str)).nunique() < 2:
             continue
-        found = cross_validate(data, make_regressors(seed), split, seed)
+        found = cross_validate(data, regressors, split, seed)
         scores += found[0]
         predictions += found[1]
     return pd.DataFrame(scores), pd.concat(predictions, ignore_index=True)

@@ -82,6 +82,24 @@ def _along(title: str, parameter: str, section: str, key: str, values: Iterable,
     return Family(title, parameter, points)
 
 
+def _pressed_spheres() -> Family:
+    """Stiff spheres that bump along the pillars."""
+
+    def points(config: Config) -> list[Point]:
+        name, membrane = list(config.stiffness_sets.items())[-1]
+        changes = {
+            "geometry": {"periodicity": 12}, "flow": TALL,
+            "cell": {"shape": "sphere", "radius_um": 5.0, "release_gap_fraction": 0.45},
+        }  # fmt: skip
+        return [
+            Point(f"{m}", m, changes | {"stiffness": _scaled(membrane, m) | {
+                "kag_uN_per_m": m * membrane.kag_uN_per_m}}, name, rows=6)
+            for m in (1, 3, 10, 30)
+        ]  # fmt: skip
+
+    return Family("Stiff spheres pressed against pillars", "multiplier of all moduli", points)
+
+
 TALL = {"height_um": 40.0}
 FAMILIES: dict[str, Family] = {
     **{f"stiffness-{m}": _stiffness_family(m) for m in (1, 10, 100, 1000)},
@@ -137,6 +155,7 @@ FAMILIES: dict[str, Family] = {
         "Sphere against a gap of 12 µm", "sphere radius [µm]", "cell", "radius_um",
         (3, 5, 5.5, 6, 7), flow=TALL, cell={"shape": "sphere"},
     ),
+    "pressed-sphere": _pressed_spheres(),
 }  # fmt: skip
 
 

@@ -297,12 +297,13 @@ def draw_transition(validation: pd.DataFrame) -> Figure:
     panel.plot(1 / extrapolated["parameter"], extrapolated["value"], "x", color="black")
     parts = {name: part.set_index(["parameter", "resolution"])
              for name, part in table.drop(extrapolated.index).groupby("quantity")}  # fmt: skip
-    beside = {resolution: 0.003 * n for n, resolution in enumerate(colours)}
-    for (periodicity, resolution), row in parts["critical diameter"].iterrows():
+    critical = parts["critical diameter"].sort_index()
+    beside = 0.004 * critical.groupby(level="parameter").cumcount()  # of the same row shift
+    for (periodicity, resolution), row in critical.iterrows():
         low, high = (parts[name].loc[(periodicity, resolution), "value"] for name in (
             "largest diameter that zigzags", "smallest diameter that bumps"))
         panel.errorbar(
-            1 / periodicity + beside[resolution], row["value"],
+            1 / periodicity + beside[periodicity, resolution], row["value"],
             [[row["value"] - low], [high - row["value"]]], fmt="o", markersize=2.5,
             color=colours[resolution], capsize=4, linewidth=1.2,
         )  # fmt: skip

@@ -322,11 +322,13 @@ VERIFICATION_COLUMNS = [
 
 
 def _with(runs: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
-    """The table of runs with the verifying runs below."""
-    if not rows:
+    """The table of runs with the verifying runs that could start below."""
+    done = [row for row in rows.values() if row["status"] != "failed"]
+    if not done:
         return runs
-    return pd.concat([runs, pd.DataFrame(list(rows.values()))[list(runs.columns)]],
-                     ignore_index=True)
+    numbers = {name: kind for name, kind in runs.dtypes.items() if kind.kind in "fi"}
+    added = pd.DataFrame(done)[list(runs.columns)].astype(numbers)
+    return pd.concat([runs, added], ignore_index=True)
 
 
 def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
