@@ -49,7 +49,9 @@ def calibrate(constriction_runs: pd.DataFrame) -> pd.DataFrame:
             )
         values = part[DEFORMATION].dropna().astype(float)
         count, mean, spread = len(values), values.mean(), values.std(ddof=1)
-        reach = t.ppf((1 + CONFIDENCE) / 2, count - 1) * spread / count**0.5 if count > 1 else np.nan
+        reach = np.nan
+        if count > 1:
+            reach = t.ppf((1 + CONFIDENCE) / 2, count - 1) * spread / count**0.5
         rows.append(
             {"design": design, "group": group}
             | part.iloc[0][SETTINGS].to_dict()

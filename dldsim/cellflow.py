@@ -52,7 +52,7 @@ ITERATIONS = 50
 STRAIN = 1e-5
 """Displacement, in nodes, of the differences that stand for a stiffness."""
 CONTROL_INTERVAL = 20  # steps between corrections of the body force
-DAMPING_INTERVAL = 200  # steps between dampings of staggered momentum, each half a step of delay
+DAMPING_INTERVAL = 100  # steps between dampings of staggered momentum, each half a step of delay
 CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corrected
 
 
@@ -111,9 +111,8 @@ def advance_no_slip(
 
     Leapfrog: a vertex moves with the velocity half a step ahead, which holds the whole force of
     the step. With that of the present, half the force, every elastic mode would grow by ω²/4 per
-    step but for viscosity. ``before``: room for populations if the kernel feeds staggered momentum,
-    which is then damped, else empty.
-    Dashpots act on a running mean of the velocity, of which each step replaces the part ``blend``.
+    step but for viscosity. ``before``: room for populations, of which staggered momentum is damped
+    now and then. Dashpots act on a running mean of the velocity, of which each step replaces the part ``blend``.
     """
     for step in range(steps):
         elastic_forces(body.x, body.smooth, membrane, moduli, scratch, body.force)
@@ -121,7 +120,7 @@ def advance_no_slip(
         locate(body.x, domain, stencil)
         force[:] = 0.0
         spread(body.force, stencil, force)
-        damping = len(before) > 0 and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
+        damping = (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
         if damping:
             before[:] = f_new
         if step % 2 == 0:
@@ -169,7 +168,7 @@ def advance_dissipative(
                 body.v[i, d] += body.force[i, d] / (2.0 * mass)
         force[:] = 0.0
         spread(body.drag, stencil, force)
-        damping = len(before) > 0 and (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
+        damping = (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
         if damping:
             before[:] = f_new
         if step % 2 == 0:
@@ -400,7 +399,7 @@ class CellInFlow:
         gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
         self.drive = Drive(gain, np.asarray(target, float), lattice.nodes, lattice.cells)
         self._mean = np.zeros(2)
-        self._before = np.zeros(0 if numerics.kernel in EVEN_ODD else len(fluid.f), fluid.dtype)
+        self._before = np.zeros_like(fluid.f)
         self.friction = units.friction(numerics.friction_nN_s_per_m) * self.density
         self.mass = vertex_mass(self.friction, self.moduli)
         self._centre = np.zeros(3)

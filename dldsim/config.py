@@ -108,7 +108,7 @@ class Numerics(Section):
     bounce_back: Literal["half-way", "interpolated"] = Field(
         "interpolated", description="treatment of the pillar surface"
     )
-    rows: int = Field(1, ge=1, description="pillar rows in the domain (1 … N_p)")
+    rows: int = Field(2, ge=1, description="pillar rows in the domain (1 … N_p)")
     lanes: int = Field(1, ge=1, description="pillars per row in the domain")
     coupling: Literal["no-slip", "dissipative"] = Field(
         "no-slip", description="how membrane and fluid are tied"
@@ -385,6 +385,16 @@ class Verification(Section):
     runs_max: int = Field(20, ge=2, description="runs at most")
 
 
+class Fabrication(Section):
+    """Fabrication errors whose consequences are asked of the surrogate."""
+
+    radius_errors_um: list[Annotated[float, Field(gt=0)]] = Field(
+        [0.25, 0.5, 1.0], min_length=1,
+        description="standard deviations of the pillar radius at the pitch of the mask",
+    )
+    moved_deg: float = Field(0.5, gt=0, description="change of an angle that counts as moved")
+
+
 RunId = Annotated[
     str, StringConstraints(pattern=r"^r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+_s[A-Za-z0-9-]+$")
 ]
@@ -466,6 +476,7 @@ class Config(Section):
     design_requests: list[DesignRequest] = Field([], description="separations to design for")
     verification: Verification = Verification()
     device: Device = Device()
+    fabrication: Fabrication = Fabrication()
     accuracy: Accuracy = Accuracy()
 
     @model_validator(mode="after")

@@ -88,7 +88,7 @@ KERNELS = {
     "4-point": (PESKIN, PESKIN),
 }
 EVEN_ODD = "compact", "4-point"
-"""Kernels that neither feed nor see staggered momentum.
+"""Kernels that neither feed nor see staggered momentum, but for nodes that solids cut off.
 
 Along the axis of each component their weights on even and on odd nodes are the same, one half
 (Peskin 2002, section 6).

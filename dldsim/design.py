@@ -43,6 +43,8 @@ TRANSITION_POINTS = 2048
 """Random arrays among which those near a mode transition are chosen."""
 TRANSITION_SHARE = 0.25
 """An array is near one where tan θ · N_p of a cell type is this close to a half."""
+SLICE_STEPS = 33
+"""Values of P_r and of P_g in the slices through the best candidate."""
 TINY = 1e-9
 """Turns the strict P_g > P_r + d_safety into a constraint that may be zero [µm]."""
 NONE_BETTER = 1e3
@@ -113,12 +115,14 @@ class Chip(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Tables of one search: `designs`, `design_trials`, `design_tolerances`, `design_importance`"""
+    """Tables of one search: `designs`, `design_trials`, `design_tolerances`, `design_importance`,
+    `design_slices`."""
 
     designs: pd.DataFrame
     trials: pd.DataFrame
     tolerances: pd.DataFrame
     importance: pd.DataFrame
+    slices: pd.DataFrame
 
 
 class Task:
@@ -307,7 +311,7 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) 
     designs = _designs(task, feasible)
     return Found(
         designs, trials.drop(columns=["outside", "time_s"]), tolerances(task, designs),
-        importance.assign(request=request.name),
+        importance.assign(request=request.name), slices(task, designs.iloc[0]),
     )
 
 
@@ -627,6 +631,37 @@ def tolerances(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
     columns = ["request", "design", "parameter", "offset", "angle_1_deg", "angle_2_deg",
                "separation_deg", "mode_1", "mode_2", "sensitivity_deg_per_unit"]
     return pd.DataFrame(rows, columns=columns)
+
+
+def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
+    """Predicted separation over two parameters, the third as in the best candidate.
+
+    A table of kind `design_slices`, one slice for each pair; signed, angle 2 − angle 1.
+    """
+    request = task.request
+    low, high = request.periodicity
+    axes = {
+        "pillar_radius_um": np.linspace(*request.pillar_radius_um, SLICE_STEPS),
+        "gap_um": np.linspace(*request.gap_um, SLICE_STEPS),
+        "periodicity": np.arange(low, high + 1),
+    }
+    found = []
+    for x, y in (("pillar_radius_um", "gap_um"), ("periodicity", "gap_um"),
+                 ("periodicity", "pillar_radius_um")):
+        grid = np.meshgrid(axes[x], axes[y], indexing="ij")
+        at = {name: np.full(grid[0].size, float(design[name])) for name in GEOMETRY}
+        at |= {x: grid[0].ravel(), y: grid[1].ravel()}
+        place = [at[name] for name in GEOMETRY]
+        first, second = task.angles(*place)
+        limits = task.limits(*place).values()
+        found.append(pd.DataFrame({
+            "request": request.name, "x_parameter": x, "y_parameter": y,
+            "x": at[x].astype(float), "y": at[y].astype(float), "difference_deg": second - first,
+            "feasible": np.all([np.broadcast_to(v, len(first)) <= 0 for v in limits], axis=0),
+            "inside_training_domain": np.all(
+                [task.surrogate.inside_domain(*place, *cell) for cell in task.cells], axis=0),
+        }))
+    return pd.concat(found, ignore_index=True)
 
 
 def offsets_of(task: Task) -> list[tuple[str, float]]:

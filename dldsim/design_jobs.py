@@ -35,7 +35,9 @@ from dldsim.verification import (
     verify,
 )
 
-SEARCH = ("designs", "design_trials", "design_tolerances", "design_importance")
+SEARCH = (
+    "designs", "design_trials", "design_tolerances", "design_importance", "design_slices",
+)  # fmt: skip
 """Kinds of tables of a search, in the order of `Found`."""
 
 

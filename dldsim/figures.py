@@ -239,13 +239,6 @@ def trajectory_panel(
     )
 
 
-def best_so_far(trials: pd.DataFrame) -> pd.DataFrame:
-    """Trials in order with the largest feasible separation up to each, column best_deg."""
-    trials = trials.sort_values("trial")
-    separation = trials["separation_deg"].where(trials["feasible"].astype(bool))
-    return trials.assign(best_deg=separation.cummax().ffill())
-
-
 # ------------------------------------------------------------------------------------- small parts
 
 
@@ -568,29 +561,6 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
 
 
 # ------------------------------------------------------------------------------------------ designs
-
-
-@styled
-def draw_search(trials: pd.DataFrame) -> Figure:
-    """Course of the TPE search: separation per trial and the best so far, a panel per request."""
-    requests = list(dict.fromkeys(trials["request"]))
-    figure, panels = multiples(len(requests), 2, 9.2, 3.1)
-    for panel, request in zip(panels, requests, strict=True):
-        part = best_so_far(trials[trials["request"] == request])
-        good = part["feasible"].astype(bool) & part["separation_deg"].notna()
-        panel.plot(part["trial"][good], part["separation_deg"][good], "o", color="#56B4E9",
-                   markersize=3.5)
-        if not good.all():
-            bottom = part["trial"][~good]
-            panel.plot(bottom, np.zeros(len(bottom)), "x", color=GREY, markersize=4, clip_on=False)
-        panel.step(part["trial"], part["best_deg"], where="post", color="#0072B2")
-        panel.set_title(request)
-        panel.set(xlabel="trial", ylabel="separation [°]", ylim=(0, None))
-    handles = [key("#56B4E9", "o", label="feasible trial"),
-               key(GREY, "x", label="infeasible trial"),
-               key("#0072B2", line="-", label="best so far")]
-    legend(figure, handles)
-    return figure
 
 
 @styled

@@ -7,6 +7,7 @@ embedded; beside each stands a relative link to the tables that it was drawn fro
 import base64
 import html
 import importlib.metadata
+import json
 import math
 import os
 import platform
@@ -19,10 +20,19 @@ import numpy as np
 import pandas as pd
 
 import dldsim
-from dldsim import accuracy_figures, figures, stability_figures, stability_sweep, validation_figures
+from dldsim import (
+    accuracy_figures,
+    analysis_figures,
+    design_figures,
+    figures,
+    stability_figures,
+    stability_sweep,
+    validation_figures,
+)
 from dldsim.accuracy import ANGLE, INDEX, SETTING, coverage
 from dldsim.campaign import settings_hash
 from dldsim.errors import DldsimError
+from dldsim.statistics import GEOMETRY, most_frequent
 from dldsim.tables import atomic_path, read_table
 from dldsim.validation import CASES, verdicts
 
@@ -34,11 +44,20 @@ TABLES = {
     "calibration": ("calibration.parquet", "calibration"),
     "calibration_correlations": ("calibration_correlations.parquet", "calibration"),
     "anova": ("anova.parquet", "anova"),
+    "anova_diagnostics": ("anova_diagnostics.parquet", "anova"),
     "robustness": ("robustness.parquet", "robustness_map"),
+    "sobol": ("sobol.parquet", "sensitivity"),
+    "partial_dependence": ("partial_dependence.parquet", "sensitivity"),
+    "fabrication": ("fabrication.parquet", "sensitivity"),
     "benchmark": ("benchmark.parquet", "benchmark"),
     "predictions": ("predictions.parquet", "benchmark"),
     "designs": ("designs.parquet", "designs"),
     "design_trials": ("design_trials.parquet", "designs"),
+    "design_tolerances": ("design_tolerances.parquet", "designs"),
+    "design_importance": ("design_importance.parquet", "designs"),
+    "design_slices": ("design_slices.parquet", "designs"),
+    "verifications": ("verifications.parquet", "verifications"),
+    "verified_designs": ("verified_designs.parquet", "verifications"),
     "learning_curve": ("learning_curve.parquet", "learning_curve"),
     "search_regret": ("search_regret.parquet", "search_regret"),
     "validation": ("validation.parquet", "validation"),
@@ -263,16 +282,20 @@ def _summary(campaign: Campaign) -> str:
         (duration(simulation), "simulation, summed over jobs"),
     ]
     if "predictions" in campaign and len(campaign["predictions"]):
-        scores = figures.pooled_scores(campaign["predictions"])
+        scores = analysis_figures.pooled_scores(campaign["predictions"])
         by_array = scores[scores["split"] == "geometry"]
         if len(by_array):
             best = by_array.iloc[0]
             cards.append((f"± {number(best['rmse_deg'], 2)}°",
                           f"error of {text(best['model'])} on arrays it has not seen (RMSE)"))
-    if "designs" in campaign and len(campaign["designs"]):
-        best = campaign["designs"].sort_values("rank", kind="stable").iloc[0]
-        cards.append((f"{fixed(best['separation_deg'], 1)} ± {fixed(best['uncertainty_deg'], 1)}°",
-                      f"separation of the best design ({text(best['request'])})"))
+    if "verified_designs" in campaign:
+        done = campaign["verified_designs"].dropna(subset=["separation_deg"])
+        if len(done):
+            best = done.loc[done["separation_deg"].idxmax()]
+            spread = best["sigma_num_deg"]
+            cards.append((fixed(best["separation_deg"], 1)
+                          + (f" ± {fixed(spread, 1)}" if pd.notna(spread) else "") + "°",
+                          f"largest simulated separation of a design ({text(best['request'])})"))
     parts = ['<div class="cards">' + "".join(
         f"<div><b>{head}</b><span>{tail}</span></div>" for head, tail in cards) + "</div>"]
     if len(modes) == 1:
@@ -471,6 +494,28 @@ def _angle_section(campaign: Campaign) -> str:
             "A level line: deformability does not matter in that array.",
             ["runs", *(["calibration"] if "calibration" in campaign else [])],
         ))
+    if points["deformation_index"].notna().any():
+        parts.append(campaign.figure(
+            "density", analysis_figures.draw_density(runs),
+            "Density of DI against θ<sub>m</sub> (grey: Gaussian kernel), every run as a point, "
+            "set apart sideways. DI takes one value per stiffness set, so that what is continuous "
+            "along DI is the kernel's doing, in the source paper's figure as well. Measured.",
+            ["runs"],
+        ))
+    parts.append(campaign.figure(
+        "boxes", analysis_figures.draw_boxes(runs),
+        "θ<sub>m</sub> over one factor at a time, all others pooled; box: quartiles, whiskers: 1.5 "
+        "quartile ranges, points: runs. The source paper reads falling medians and spreads as "
+        "smooth trends; here the spread is a mixture of modes, and its upper edge the bump angle "
+        "arctan(1/<i>N</i><sub>p</sub>). Measured.", ["runs"],
+    ))
+    parts.append(campaign.figure(
+        "factors", analysis_figures.draw_factors(runs),
+        "All geometric factors at once; a box holds all <i>N</i><sub>p</sub> and stiffness sets of "
+        "a gap and a pillar radius. In the source paper each gap has one radius "
+        "(<i>P</i><sub>g</sub> = <i>P</i><sub>r</sub> + 10 µm), so that its figure cannot part the "
+        "two; here it can wherever a gap has several boxes. Measured.", ["runs"],
+    ))
     if points["first_period_angle_deg"].notna().any():
         parts.append(campaign.figure(
             "first_period", figures.draw_first_period(runs),
@@ -526,19 +571,28 @@ def _calibration(campaign: Campaign) -> str:
         ))
     if len(calibration):
         parts.append(campaign.figure(
-            "calibration", figures.draw_calibration(runs, calibration, correlations),
-            "Deformation index with the cell's centre in the throat. Coloured: one run per release "
-            "position; black: mean and standard deviation over the positions. Grey diamonds: "
-            "values of the source paper for its sets 1 to 5 (literature; it names no channel "
-            "dimensions, so agreement is not to be expected to the digit). Right: Pearson "
-            "correlations over the runs. Moduli and velocity rise together from group to group, "
-            "so a correlation with one of them is not its effect alone.",
-            ["constriction_runs", "calibration",
-             *(["calibration_correlations"] if correlations is not None else [])],
+            "calibration", analysis_figures.draw_calibration(runs, calibration),
+            "Deformation index with the cell's centre in the throat, for the source paper's design "
+            "(velocity rises with stiffness) and at one velocity. Small: one run per release "
+            "position along the flow, the only thing varied within a group; black: mean and 95 % "
+            "confidence interval. With so few positions the points are shown instead of the "
+            "source's violins. Diamonds: the source's DI of its sets 1 to 5; bands: its "
+            "coefficients of variation (it names no channel dimensions). Where the two designs "
+            "run in opposite directions, the rise of DI with stiffness is an effect of the "
+            "velocity. Measured.", ["constriction_runs", "calibration"],
         ))
+        if correlations is not None and len(correlations):
+            parts.append(campaign.figure(
+                "correlations", analysis_figures.draw_correlations(correlations),
+                "Pearson correlations over the runs of each design; in brackets the source "
+                "paper's. Moduli and velocity rise together from group to group, so a correlation "
+                "in the first design is not the effect of one of them alone. A dash: constant. "
+                "Measured.", ["calibration_correlations"],
+            ))
         parts.append(campaign.table(
             {
-                "group": _texts(calibration["group"]), "set": _texts(calibration["stiffness_set"]),
+                "design": _texts(calibration["design"]), "group": _texts(calibration["group"]),
+                "set": _texts(calibration["stiffness_set"]),
                 "<i>k</i><sub>s</sub> [µN/m]": _numbers(calibration["ks_uN_per_m"]),
                 "<i>k</i><sub>b</sub> [pN·µm]": _numbers(calibration["kb_pN_um"]),
                 "<i>k</i><sub>α</sub> [µN/m]": _numbers(calibration["kal_uN_per_m"]),
@@ -546,6 +600,9 @@ def _calibration(campaign: Campaign) -> str:
                 "runs": _numbers(calibration["runs"]),
                 "DI": [f"{fixed(m, 3)} ± {fixed(s, 3)}" for m, s in zip(
                     calibration["deformation_index"], calibration["deformation_index_std"],
+                    strict=True)],
+                "95 % interval of the mean": [f"{fixed(a, 3)} to {fixed(b, 3)}" for a, b in zip(
+                    calibration["deformation_index_low"], calibration["deformation_index_high"],
                     strict=True)],
                 "range": [f"{fixed(a, 3)} to {fixed(b, 3)}" for a, b in zip(
                     calibration["deformation_index_min"], calibration["deformation_index_max"],
@@ -558,9 +615,10 @@ def _calibration(campaign: Campaign) -> str:
         ))
     if runs["deformation_index"].notna().any():
         parts.append(campaign.figure(
-            "moduli", figures.draw_moduli(runs),
+            "moduli", analysis_figures.draw_moduli(runs),
             "Deformation index of every constriction run against the moduli and the velocity of "
-            "its group. Measured.", ["constriction_runs"],
+            "its group. The source paper reads the rise as the membrane's doing; the design at one "
+            "velocity shows what is left of it. Measured.", ["constriction_runs"],
         ))
     folder = campaign.results / "constriction"
     files = sorted(folder.glob("*.trajectory.parquet"))
@@ -570,7 +628,7 @@ def _calibration(campaign: Campaign) -> str:
     tracks = [track for track in tracks if len(track)]
     if tracks:
         parts.append(campaign.figure(
-            "diameters", figures.draw_diameters(pd.concat(tracks), runs),
+            "diameters", analysis_figures.draw_diameters(pd.concat(tracks), runs),
             "Diameters of the cell's bounding box along the channel, and the deformation index "
             "from them; one line per run. Measured.",
             ["constriction_runs"], f", {campaign.link(folder)} ({len(tracks)} trajectories)",
@@ -605,9 +663,12 @@ def _anova(campaign: Campaign) -> str:
     ]
     if table["partial_eta_sq"].notna().any():
         parts.append(campaign.figure(
-            "effects", figures.draw_effects(table),
+            "effects", analysis_figures.draw_effects(table),
             "How strongly each term moves θ<sub>m</sub>: partial η² = SS/(SS + "
-            "SS<sub>residual</sub>). Filled: p &lt; 0.05.", ["anova"],
+            "SS<sub>residual</sub>), and partial ω², which allows for degrees of freedom. Filled: "
+            "p &lt; 0.05 by permutation of whole geometries. The source paper's interactions are "
+            "those of the right panel, a model that has no main effects and hands them to the "
+            "interactions.", ["anova"],
         ))
     order = [*MODEL_CAPTION, *(m for m in table["model"].unique() if m not in MODEL_CAPTION)]
     for model in order:
@@ -624,7 +685,10 @@ def _anova(campaign: Campaign) -> str:
                     "sum of squares [deg²]": _numbers(shown["sum_sq"], 4),
                     "df": _numbers(whole), "F": _numbers(shown["f_value"], 4),
                     "p": [probability(p) for p in shown["p_value"]],
+                    "p, HC3": [probability(p) for p in shown["p_robust"]],
+                    "p, permutation": [probability(p) for p in shown["p_permutation"]],
                     "partial η²": _angles(shown["partial_eta_sq"], 3),
+                    "partial ω²": _angles(shown["partial_omega_sq"], 3),
                 },
                 f"Type II analysis of variance of θ<sub>m</sub>. {caption}", ["anova"],
             ))
@@ -637,6 +701,35 @@ def _anova(campaign: Campaign) -> str:
         ]
         if notes:
             parts.append('<ul class="notes">' + "\n".join(notes) + "</ul>")
+    if "anova_diagnostics" in campaign and len(campaign["anova_diagnostics"]):
+        found = campaign["anova_diagnostics"]
+        tests = found[["test", "meaning"]].drop_duplicates("test")
+        columns = {"residuals": _texts(tests["test"])}
+        for model in found["model"].unique():
+            by_test = found[found["model"] == model].set_index("test")
+            columns[analysis_figures.MODEL_TITLE.get(model, model)] = [
+                NOT_MEASURED if name not in by_test.index else
+                number(float(by_test.loc[name, "statistic"]))
+                + ("" if pd.isna(by_test.loc[name, "p_value"]) else
+                   f" (p = {probability(by_test.loc[name, 'p_value'])})")
+                for name in tests["test"]
+            ]
+        columns["how to read it"] = _texts(tests["meaning"])
+        parts.append(campaign.table(
+            columns, "Residuals of the models. Angles come in modes: where residuals are not "
+            "normal, of unequal variance, or alike within a geometry, the F test's p is not to be "
+            "taken at its word, and those beside it are.", ["anova_diagnostics"],
+        ))
+    if "sobol" in campaign and len(campaign["sobol"]):
+        inside = campaign["sobol"]["inside_share"].iloc[0]
+        parts.append(campaign.figure(
+            "sobol", analysis_figures.draw_sobol(campaign["sobol"]),
+            "Sobol indices of the surrogate, inputs independent and uniform over the sweep, with "
+            f"95 % bootstrap intervals; {_percent(inside)} of the points lie inside the domain. "
+            "Total minus first order is what an input does together with others. Unlike an "
+            "analysis of variance they need no linear model, but they describe the surrogate.",
+            ["sobol"],
+        ))
     return "\n".join(parts)
 
 
@@ -648,9 +741,9 @@ def _robustness(campaign: Campaign) -> str:
         return ('<p class="absent">No array has a neighbour in the sweep, so there is no '
                 "stability score.</p>")
     best = table[table["robust"].astype(bool)].sort_values("stability_score_deg2")
-    return "\n".join([
+    parts = [
         campaign.figure(
-            "robustness_map", figures.draw_robustness(table),
+            "robustness_map", analysis_figures.draw_robustness(table),
             "Robustness map. Number: θ<sub>m</sub> averaged over the stiffness sets. Colour: "
             "stability score, mean squared change of that angle to the neighbouring arrays of the "
             "sweep, one parameter changed at a time; low is stable. Frame: the most stable 15 %. "
@@ -668,7 +761,47 @@ def _robustness(campaign: Campaign) -> str:
             },
             "The most stable arrays.", ["robustness"],
         ),
-    ])
+    ]
+    frequent = most_frequent(table)
+    parts.append(campaign.table(
+        {"parameter": [_term(p) for p in frequent["parameter"]],
+         "value": _numbers(frequent["value"]), "among the most stable": _numbers(frequent["count"]),
+         "expected of a random choice": _angles(frequent["expected"], 1)},
+        "Values that occur among the most stable arrays, most frequent first. The source paper "
+        "found <i>P</i><sub>r</sub> 10, 11, 12; <i>P</i><sub>g</sub> 20, 21, 22; "
+        "<i>N</i><sub>p</sub> 4, 8, 10, 11, 12. A small score there means wide gaps, in which "
+        "little happens at all.", ["robustness"],
+    ))
+    if "fabrication" in campaign and len(campaign["fabrication"]):
+        risk = campaign["fabrication"]
+        wrong = int((risk.drop_duplicates([*GEOMETRY, "stiffness_set"]).eval(
+            "predicted_mode != simulated_mode")).sum())
+        parts.append(campaign.figure(
+            "fabrication", analysis_figures.draw_fabrication(risk),
+            "What a designer needs instead: probability that pillars too thick or too thin, all "
+            "alike (P<sub>r</sub> ± standard deviation, pitch kept, so that the gap changes by "
+            "twice as much the other way), change the mode; the worst of the stiffness sets. By "
+            "Monte Carlo on the surrogate. *: more than half of the sizes lie outside its domain. "
+            f"At nominal size the surrogate's mode differs from the simulated one in {wrong} of "
+            f"{len(risk.drop_duplicates([*GEOMETRY, 'stiffness_set']))} runs.", ["fabrication"],
+        ))
+        worst = analysis_figures.worst_risk(risk)
+        parts.append(campaign.table(
+            {"error of <i>P</i><sub>r</sub> [µm]": _numbers(ordered_errors(worst)),
+             "arrays that keep their mode with 95 %": [
+                 f"{int((part['mode_change_probability'] <= 0.05).sum())} of {len(part)}"
+                 for _, part in worst.groupby("radius_error_um")],
+             f"arrays that move by less than {risk['moved_limit_deg'].iloc[0]:g}° with 95 %": [
+                 f"{int((part['moved_probability'] <= 0.05).sum())} of {len(part)}"
+                 for _, part in worst.groupby("radius_error_um")]},
+            "Arrays that bear a fabrication error, for all stiffness sets.", ["fabrication"],
+        ))
+    return "\n".join(parts)
+
+
+def ordered_errors(worst: pd.DataFrame) -> list[float]:
+    """Fabrication errors in increasing order [µm]."""
+    return sorted(float(e) for e in worst["radius_error_um"].unique())
 
 
 def _spread(values: pd.Series, digits: int = 2) -> str:
@@ -684,101 +817,316 @@ def _benchmark(campaign: Campaign) -> str:
     benchmark, predictions = campaign["benchmark"], campaign["predictions"]
     if predictions.empty:
         return '<p class="absent">The benchmark holds no prediction.</p>'
-    scores = figures.pooled_scores(predictions)
+    scores = analysis_figures.pooled_scores(predictions)
     models = list(dict.fromkeys(scores["model"]))
+    splits = [s for s in analysis_figures.SPLIT_COLOUR if (scores["split"] == s).any()]
     columns: dict[str, list[str]] = {"model": _texts(models)}
-    for split in ("random", "geometry"):
-        folds = benchmark[benchmark["split"] == split].set_index("model")
-        pooled = scores[scores["split"] == split].set_index("model")
-        for name, heading in (("rmse_deg", "RMSE [°]"), ("mae_deg", "MAE [°]")):
+    for split in splits:
+        folds = benchmark[benchmark["split"] == split].groupby("model")
+        found = scores[scores["split"] == split].set_index("model")
+        mean = {n: folds[n].agg(_spread) for n in ("mse_deg2", "rmse_deg", "mae_deg")}
+        for name, heading in (("mse_deg2", "MSE [deg²]"), ("rmse_deg", "RMSE [°]"),
+                              ("mae_deg", "MAE [°]")):
             columns[f"{heading}<br><small>{split}</small>"] = [
-                _spread(folds.loc[[m], name]) if m in folds.index else NOT_MEASURED for m in models
-            ]
+                mean[name].get(m, NOT_MEASURED) for m in models]
+        columns[f"median error [°]<br><small>{split}</small>"] = [
+            fixed(found["median_deg"].get(m, math.nan), 2) for m in models]
         columns[f"R²<br><small>{split}</small>"] = [
-            fixed(pooled["r2"].get(m, math.nan), 3) for m in models
-        ]
-    columns["fit [ms]"] = [
-        number(1e3 * float(benchmark.loc[benchmark["model"] == m, "fit_time_s"].mean()), 2)
-        for m in models
-    ]
+            fixed(found["r2"].get(m, math.nan), 3) for m in models]
+    times = benchmark.groupby("model")[["fit_time_s", "predict_time_s"]].mean()
+    for name, heading in (("fit_time_s", "fit [ms]"), ("predict_time_s", "predict [ms]")):
+        columns[heading] = [number(1e3 * float(times.loc[m, name]), 2) for m in models]
     best = models[0]
-    return "\n".join([
+    parts = [
         "<p>A <b>random split</b> leaves other stiffness sets of the same array in the training "
-        "data; a <b>split by geometry</b> keeps whole arrays back. Only the second tells a "
-        "designer what an array that was never simulated will do.</p>",
+        "data; a <b>split by geometry</b> keeps whole arrays back, a <b>split by stiffness set</b> "
+        "whole cell types. Only the second tells a designer what an array that was never simulated "
+        "will do. Settings are chosen by cross-validation within the training data. “Bounded” "
+        "models predict the share of the bump displacement and know its two limits.</p>",
         campaign.figure(
-            "benchmark", figures.draw_benchmark(scores, benchmark),
+            "benchmark", analysis_figures.draw_benchmark(scores, benchmark),
             "Error of the regressors on held-out runs. Large markers: all held-out predictions "
-            "together; bars: single folds. The source paper's R² = 0.9999 comes from a random "
-            "split.", ["benchmark", "predictions"],
+            "together, for R² with the range over repeated splits; bars: single folds. The source "
+            "paper's R² = 0.9999 comes from a random split.", ["benchmark", "predictions"],
         ),
         campaign.table(
-            columns, "Regressors, best by geometry first. RMSE and MAE: mean ± standard deviation "
-            "over folds; R² over all held-out predictions together.", ["benchmark", "predictions"],
+            columns, "Regressors, best by geometry first. MSE, RMSE and MAE: mean ± standard "
+            "deviation over folds; median error and R² over all held-out predictions together.",
+            ["benchmark", "predictions"],
         ),
         campaign.figure(
-            "parity", figures.draw_parity(predictions, scores, best),
+            "parity", analysis_figures.draw_parity(predictions, scores, best),
             f"Held-out predictions of {text(best)}, the best by geometry, against the simulated "
             "angle.", ["predictions"],
         ),
-    ])
+        campaign.figure(
+            "residuals", analysis_figures.draw_residuals(predictions, campaign.runs, best),
+            f"Residuals of {text(best)} on arrays held out. The source paper's are a narrow band "
+            "about zero, from a random split; here they are widest between the limits, where an "
+            "array decides between zigzag and bump.", ["predictions", "runs"],
+        ),
+    ]
+    if "partial_dependence" in campaign and len(campaign["partial_dependence"]):
+        parts.append(campaign.figure(
+            "partial_dependence",
+            analysis_figures.draw_partial_dependence(campaign["partial_dependence"]),
+            "Interaction of pairs of inputs after the surrogate: mean prediction with the others "
+            "as in the runs, over combinations inside the domain; blank where there is none. The "
+            "source paper's maps of (<i>N</i><sub>p</sub>, <i>P</i><sub>g</sub>) and "
+            "(<i>N</i><sub>p</sub>, <i>P</i><sub>r</sub>) are one and the same, since its gap "
+            "follows from the radius.", ["partial_dependence"],
+        ))
+    return "\n".join([*parts, _card(campaign)])
+
+
+def _card(campaign: Campaign) -> str:
+    """What the surrogate's card says of errors, intervals and domain."""
+    path = campaign.results / "surrogate_card.json"
+    if not path.exists():
+        return ('<p class="absent">The surrogate is not fitted. Make it with <code>snakemake -j2 '
+                "surrogate</code>.</p>")
+    card = json.loads(path.read_text(encoding="utf-8"))
+    score, rule, target = (card[f"{n}_by_geometry"] for n in ("scores", "baseline", "target"))
+    ranges = card["domain"]["ranges"]["deformation_index"]
+    covered = campaign.table(
+        {"level": [f"{100 * m['level']:g} %" for m in card["conformal"]["measured"]],
+         "measured coverage": [
+             f"{fixed(100 * m['coverage'], 1)} ± {fixed(100 * m['coverage_error'], 1)} %"
+             for m in card["conformal"]["measured"]],
+         "mean half width [°]": _angles(
+             m["mean_half_width_deg"] for m in card["conformal"]["measured"])},
+        "Conformal prediction intervals of the surrogate on geometries held out, each geometry "
+        "counting once; ± standard error over the geometries.",
+    )
+    reached = "reached" if target["reached"] else "not reached"
+    return (
+        f"<p>The surrogate ({campaign.link(path)}) was learnt from "
+        f"{counted(card['data']['used'], 'run')} of "
+        f"{counted(card['data']['geometries'], 'array')}, {card['data']['not_converged']} of them not converged. On arrays held out: RMSE "
+        f"{number(score['rmse_deg'], 2)}°, median error "
+        f"{number(score['median_absolute_error_deg'], 2)}°, R² "
+        f"{fixed(score['r2'], 3)}; the rule of the critical diameter: RMSE "
+        f"{number(rule['rmse_deg'], 2)}°. The target (R² of at least {target['r2']}, "
+        f"median error of at most {target['median_absolute_error_deg']}°) is <b>{reached}</b>. It "
+        f"holds for DI {fixed(ranges[0], 3)} to {fixed(ranges[1], 3)} and inside the hull of the "
+        "arrays simulated; outside, an interval is the whole range from zigzag to bump.</p>\n"
+        + covered
+    )
 
 
 def _designs(campaign: Campaign) -> str:
-    parts = []
+    parts = ["<h3>Designs verified by simulation</h3>", *_verified(campaign)]
+    parts.append("<h3>Candidates of the search</h3>")
     if "designs" not in campaign:
         parts.append(campaign.absent("designs"))
     elif campaign["designs"].empty:
-        parts.append('<p class="absent">The search found no feasible design.</p>')
+        parts.append('<p class="absent">No design was asked for.</p>')
     else:
-        designs = campaign["designs"].sort_values(["request", "rank"], kind="stable")
-        parts.append(campaign.figure(
-            "designs", figures.draw_designs(designs),
-            "Designs of the TPE search, predicted by the surrogate and not simulated. Line: range "
-            "of the separation over the fabrication tolerance on <i>P</i><sub>r</sub> and "
-            "<i>P</i><sub>g</sub>. Shade: uncertainty of a difference of two predictions, from "
-            "the cross-validated RMSE by geometry and, where it was studied, the numerical "
-            "uncertainty σ<sub>num</sub>; a separation inside the shade is not resolved. Designs "
-            "of one rank are closer than their σ<sub>num</sub>: their order means nothing.",
-            ["designs"],
-        ))
-        for request, table in designs.groupby("request", sort=False):
-            parts.append(campaign.table(
-                {
-                    "rank": _numbers(table["rank"]),
-                    "<i>P</i><sub>r</sub> [µm]": _numbers(table["pillar_radius_um"]),
-                    "<i>P</i><sub>g</sub> [µm]": _numbers(table["gap_um"]),
-                    "<i>N</i><sub>p</sub>": _numbers(table["periodicity"]),
-                    "θ<sub>m</sub> of cells 1, 2 [°]": [
-                        f"{fixed(a, 2)}, {fixed(b, 2)}" for a, b in zip(
-                            table["angle_1_deg"], table["angle_2_deg"], strict=True)],
-                    "separation [°]": [
-                        f"{fixed(s, 2)} ± {fixed(u, 2)}" for s, u in zip(
-                            table["separation_deg"], table["uncertainty_deg"], strict=True)],
-                    "σ<sub>num</sub> [°]": _angles(table["sigma_num_deg"]),
-                    "over tolerance [°]": [
-                        f"{fixed(a, 2)} to {fixed(b, 2)}" for a, b in zip(
-                            table["separation_tolerance_min_deg"],
-                            table["separation_tolerance_max_deg"], strict=True)],
-                    "in training domain": _numbers(table["inside_training_domain"]),
-                    "verdict": _texts(table["verdict"]),
-                },
-                f"Ranked designs for “{text(request)}”. Predicted, not simulated.", ["designs"],
-            ))
+        parts += _candidates(campaign)
+    parts.append("<h3>Course of the search</h3>")
     if "design_trials" not in campaign:
         parts.append(campaign.absent("design_trials"))
     elif len(campaign["design_trials"]):
-        trials = campaign["design_trials"]
-        refused = trials[~trials["feasible"].astype(bool)]
-        reasons = refused["reason"].fillna("").value_counts()
-        listed = "; ".join(f"{number(int(n))} × {text(r)}" for r, n in reasons.items())
-        parts.append(campaign.figure(
-            "search", figures.draw_search(trials),
-            "Course of the search (tree-structured Parzen estimator). Crosses on the axis: "
-            "infeasible trials, ranked below every feasible one." + (
-                f" Reasons: {listed}." if listed else ""), ["design_trials"],
-        ))
+        parts += _course(campaign)
     return "\n".join(parts)
+
+
+def _array_columns(table: pd.DataFrame) -> dict[str, list[str]]:
+    return {
+        "<i>P</i><sub>r</sub> [µm]": _angles(table["pillar_radius_um"]),
+        "<i>P</i><sub>g</sub> [µm]": _angles(table["gap_um"]),
+        "<i>N</i><sub>p</sub>": _numbers(table["periodicity"]),
+    }
+
+
+def _both(table: pd.DataFrame, name: str, decimals: int = 2) -> list[str]:
+    """Values of both cell types, with their modes."""
+    pairs = zip(table[f"{name}_1_deg"], table["mode_1"], table[f"{name}_2_deg"], table["mode_2"],
+                strict=True)
+    return [f"{fixed(a, decimals)} {text(m)},<br>{fixed(b, decimals)} {text(n)}"
+            for a, m, b, n in pairs]
+
+
+def _range(table: pd.DataFrame, low: str, high: str) -> list[str]:
+    return [f"{fixed(a, 2)} to {fixed(b, 2)}"
+            for a, b in zip(table[low], table[high], strict=True)]
+
+
+def _verified(campaign: Campaign) -> list[str]:
+    """What came of simulating the candidates, request by request."""
+    if "verified_designs" not in campaign or "verifications" not in campaign:
+        return [campaign.absent("verified_designs")]
+    verifications = campaign["verifications"]
+    if verifications.empty:
+        return ['<p class="absent">No candidate was simulated (verification.rounds).</p>']
+    parts = [
+        "<p>Both cell types were simulated in the best candidates of each round, with the "
+        "campaign's solver and at their own radius; the runs were then learnt from and the search "
+        "repeated. A prediction is confirmed if the simulated difference, ± σ<sub>num</sub>, meets "
+        "its 90 % interval; a design separates if the simulated difference exceeds 2 "
+        "σ<sub>num</sub>. Measured.</p>",
+        campaign.figure(
+            "verification", design_figures.draw_rounds(verifications),
+            "Prediction and simulation, in the order of the runs; dotted lines separate rounds. "
+            "Bars of the markers: 2 σ<sub>num</sub>, where it was studied. The last runs repeat "
+            "the best design at another channel height, for which nothing was predicted: the grey "
+            "bar there is the prediction for the nominal height.", ["verifications"],
+        ),
+    ]  # fmt: skip
+    for request, table in campaign["verified_designs"].groupby("request", sort=False):
+        folder = campaign.results / "designs" / str(request)
+        links = [f"{text(n)}: {', '.join(map(campaign.link, files))}" for n in table["name"]
+                 if (files := sorted(folder.glob(f"{n}.*")))]
+        parts.append(campaign.table(
+            {
+                "rank": _numbers(table["rank"]), "design": _texts(table["name"]),
+                "round": _numbers(table["round"]), **_array_columns(table),
+                "simulated θ<sub>m</sub> of cells 1, 2 [°]": _both(table, "angle"),
+                "simulated separation [°]": [
+                    fixed(s, 2) + (f" ± {fixed(u, 2)}" if pd.notna(u) else "")
+                    for s, u in zip(table["separation_deg"], table["sigma_num_deg"], strict=True)],
+                "predicted before [°]": [
+                    f"{fixed(s, 2)} ± {fixed(u, 2)}" for s, u in zip(
+                        table["predicted_separation_deg"], table["uncertainty_deg"], strict=True)],
+                "over ± <i>P</i><sub>r</sub>, <i>P</i><sub>g</sub> [°]<br><small>predicted"
+                "</small>": _range(table, "separation_tolerance_min_deg",
+                                   "separation_tolerance_max_deg"),
+                "lower, higher channel [°]<br><small>simulated</small>": [
+                    f"{fixed(a, 2)}, {fixed(b, 2)}" for a, b in zip(
+                        table["separation_low_height_deg"], table["separation_high_height_deg"],
+                        strict=True)],
+                "length [mm]": _numbers(table["length_mm"]),
+                "pressure drop [kPa]": _numbers(table["pressure_drop_kPa"], 2),
+                "verdict": _texts(table["verdict"]),
+            },
+            f"Designs for “{text(request)}”, ordered by the simulated separation. "
+            f"Rounds ended: {text(table['stopped'].iloc[0])}. Throughput of the whole array: "
+            f"{number(float(table['throughput_uL_per_h'].iloc[0]))} µL/h. Pressure drop over the "
+            f"length given: {text(table['pressure_basis'].iloc[0])}."
+            + (f" Files of {'; '.join(links)}." if links else ""),
+            ["verified_designs"], table["separates"].isin([False]) | table["separation_deg"].isna(),
+        ))
+        parts += [_picture(path) for name in table["name"]
+                  if (path := folder / f"{name}.passage.png").exists()]
+    rows = verifications[verifications["population"] != "difference"]
+    listing_ = campaign.table(
+        {
+            "request": _texts(rows["request"]), "round": _numbers(rows["round"]),
+            "role": _texts(rows["role"]), **_array_columns(rows),
+            "height [µm]": _numbers(rows["height_um"]), "cell": _texts(rows["population"]),
+            "radius [µm]": _numbers(rows["cell_radius_um"]),
+            "k<sub>s</sub> [µN/m]": _numbers(rows["ks_uN_per_m"]),
+            "predicted [°]": _range(rows, "predicted_low_deg", "predicted_high_deg"),
+            "simulated [°]": [
+                fixed(s, 2) + (f" ± {fixed(u, 2)}" if pd.notna(u) else "")
+                for s, u in zip(rows["simulated_deg"], rows["sigma_num_deg"], strict=True)],
+            "mode": _texts(rows["mode"]), "verdict": _texts(rows["verdict"]),
+            "note": _texts(rows["note"]),
+        },
+        "All runs of the verification. Shaded: the prediction was missed, or there is no angle.",
+        ["verifications"],
+        rows["agrees"].isin([False]) | rows["simulated_deg"].isna(),
+    )
+    parts.append(f"<details><summary>All {len(rows)} runs of the verification</summary>\n"
+                 f"{listing_}\n</details>")
+    return parts
+
+
+def _picture(path: Path) -> str:
+    """A picture file embedded in the page."""
+    payload = base64.b64encode(path.read_bytes()).decode()
+    name = path.name.partition(".")[0]
+    return (f'<figure><img alt="{text(name)}" width="920" src="data:image/png;base64,{payload}">'
+            f"<figcaption>{text(name)}: both cell types on their way through the array, simulated "
+            "one by one.</figcaption></figure>")
+
+
+def _candidates(campaign: Campaign) -> list[str]:
+    designs = campaign["designs"].sort_values(["request", "design"], kind="stable")
+    parts = [campaign.figure(
+        "designs", figures.draw_designs(designs),
+        "Candidates, predicted by the surrogate and not simulated. Line: range of the separation "
+        "over the fabrication tolerance on <i>P</i><sub>r</sub> and <i>P</i><sub>g</sub>. Shade: "
+        "half-width of the 90 % prediction interval of the difference; a separation inside the "
+        "shade is not resolved. Candidates of one rank are closer than their σ<sub>num</sub>: "
+        "their order means nothing.", ["designs"],
+    )]  # fmt: skip
+    for request, table in designs.groupby("request", sort=False):
+        parts.append(campaign.table(
+            {
+                "rank": _numbers(table["rank"]), **_array_columns(table),
+                "θ<sub>m</sub> of cells 1, 2 [°]": _both(table, "angle"),
+                "separation [°]": [
+                    f"{fixed(s, 2)} ± {fixed(u, 2)}" for s, u in zip(
+                        table["separation_deg"], table["uncertainty_deg"], strict=True)],
+                "σ<sub>num</sub> [°]": _angles(table["sigma_num_deg"]),
+                "over tolerance [°]": _range(table, "separation_tolerance_min_deg",
+                                             "separation_tolerance_max_deg"),
+                "robust [°]": _angles(table["robust_separation_deg"]),
+                "mode changes": [f"{p:.0%}" for p in table["mode_change_probability"]],
+                "length [mm]": _numbers(table["length_mm"]),
+                "pressure drop [kPa]": _numbers(table["pressure_drop_kPa"], 2),
+                "in training domain": _numbers(table["inside_training_domain"]),
+                "verdict": _texts(table["verdict"]),
+            },
+            f"Candidates for “{text(request)}”, objective {text(table['objective'].iloc[0])}. "
+            "Robust: the separation that nine of ten Monte Carlo draws exceed, with spread of the "
+            "cells, error of the prediction and fabrication tolerance; mode changes: share of the "
+            "draws with another mode. Pressure drop: "
+            f"{text(table['pressure_basis'].iloc[0])}. Predicted, not simulated.", ["designs"],
+        ))
+    if "design_tolerances" in campaign:
+        table = campaign["design_tolerances"]
+        table = table[table["design"] == 1]
+        parts.append(campaign.table(
+            {
+                "request": _texts(table["request"]), "off": _texts(table["parameter"]),
+                "by": _numbers(table["offset"], 2),
+                "θ<sub>m</sub> of cells 1, 2 [°]": _both(table, "angle"),
+                "separation [°]": _angles(table["separation_deg"]),
+                "slope [° per µm or per 1]": _numbers(table["sensitivity_deg_per_unit"], 2),
+            },
+            "Best candidate of each request with one thing off. edge_um: every pillar edge "
+            "outwards at the pitch of the mask. The channel height is no input of the surrogate: "
+            "the verification simulates it. Predicted.", ["design_tolerances"],
+        ))
+    return parts
+
+
+def _course(campaign: Campaign) -> list[str]:
+    trials = campaign["design_trials"]
+    refused = trials[~trials["feasible"].astype(bool)]
+    reasons = refused["reason"].fillna("").value_counts()
+    listed = "; ".join(f"{number(int(n))} × {text(r)}" for r, n in reasons.items())
+    parts = [
+        campaign.figure(
+            "search", design_figures.draw_history(trials),
+            "Course of the search. The robust objective is in degrees above zero; below, where the "
+            "order of the cells is open, a share of the range of the draws. Crosses on the axis: "
+            "infeasible trials." + (f" Reasons: {listed}." if listed else ""), ["design_trials"],
+        ),
+        campaign.figure(
+            "search_parallel", design_figures.draw_parallel(trials),
+            "Feasible trials over the parameters and the objective, best in yellow. Numbers: ends "
+            "of the axes.", ["design_trials"],
+        ),
+    ]
+    if "design_importance" in campaign:
+        table = campaign["design_importance"]
+        parts.append(campaign.figure(
+            "search_importance", design_figures.draw_importance(table),
+            "Importance of the parameters: " + text("; ".join(table["evaluator"].unique()))
+            + ".", ["design_importance"],
+        ))
+    if "design_slices" in campaign and "designs" in campaign:
+        parts.append(campaign.figure(
+            "search_slices", design_figures.draw_slices(campaign["design_slices"],
+                                                        campaign["designs"]),
+            "Predicted difference of the angles over two parameters, the third as in the best "
+            "candidate (star). Hatched: infeasible, or outside the training geometries.",
+            ["design_slices"],
+        ))
+    return parts
 
 
 def _flow(campaign: Campaign) -> str:

@@ -4,7 +4,8 @@ Everything here is a property of the fitted surrogate, not of the simulation its
 what share of the points asked for lies inside the domain in which the surrogate interpolates.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,6 +32,18 @@ MODES = ("zigzag", "mixed", "bump")
 def modes_of(share) -> np.ndarray:
     """Index into MODES after the share of the bump displacement."""
     return np.digitize(share, [ZIGZAG_TO, BUMP_FROM])
+
+
+def examine(
+    surrogate: Surrogate, runs: pd.DataFrame, settings: Mapping[str, Any], seed: int
+) -> dict[str, pd.DataFrame]:
+    """All tables of this module by kind; `settings`: section `fabrication` of the configuration."""
+    return {
+        "sobol": sobol(surrogate, runs, seed),
+        "partial_dependence": partial_dependence(surrogate, runs),
+        "fabrication": fabrication(surrogate, runs, settings["radius_errors_um"], seed,
+                                   settings["moved_deg"]),
+    }
 
 
 def sobol(surrogate: Surrogate, runs: pd.DataFrame, seed: int) -> pd.DataFrame:

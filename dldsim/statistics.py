@@ -429,6 +429,23 @@ def robustness(frame: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
+def most_frequent(table: pd.DataFrame) -> pd.DataFrame:
+    """Values of each parameter among the robust geometries of a `robustness` table.
+
+    Columns: parameter, value, count, and `expected`, the count in a random choice of as many scored
+    geometries. Ordered by parameter, most frequent first.
+    """
+    scored = table[table["stability_score_deg2"].notna()]
+    robust = scored[scored["robust"].astype(bool)]
+    rows = []
+    for name in GEOMETRY:
+        share = scored[name].value_counts(normalize=True)
+        for value, count in robust[name].value_counts().items():
+            rows.append({"parameter": name, "value": value, "count": int(count),
+                         "expected": float(share[value] * len(robust))})
+    return pd.DataFrame(rows, columns=["parameter", "value", "count", "expected"])
+
+
 def _modes(data: pd.DataFrame) -> dict[tuple, str]:
     """Modes of each geometry with their counts: "bump 2, zigzag 1"."""
     if "mode" not in data:

@@ -392,6 +392,16 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _real("importance", "1", "share of the importance; null: values do not differ", True),
         _text("evaluator", "how it was judged"),
     ),
+    "design_slices": (
+        _text("request", "name of the design request"),
+        _text("x_parameter", "parameter along x"),
+        _text("y_parameter", "parameter along y; the third is that of the best candidate"),
+        _real("x", "as the parameter", "value along x"),
+        _real("y", "as the parameter", "value along y"),
+        _real("difference_deg", "°", "predicted angle 2 − angle 1"),
+        _flag("feasible", "whether the constraints hold"),
+        _flag("inside_training_domain", "whether the surrogate interpolates"),
+    ),
     "verifications": (
         _text("request", "name of the design request"),
         _count("round", "round of search, simulation and refit"),

@@ -246,9 +246,10 @@ def verify(
 
     A round searches on the surrogate, simulates both cell types in the best candidates that have
     not been simulated, and in arrays near a mode transition, and refits the surrogate to all runs.
-    Rounds end when every new prediction of a candidate is confirmed, when the best candidates have
-    all been simulated, or with the budget. A prediction is confirmed if the simulated value, with
-    ± σ_num, meets its interval; it is compared only where the surrogate interpolates.
+    Rounds end when every new prediction of a candidate is confirmed and had told the order of the
+    two cells, when the best candidates have all been simulated, or with the budget. A prediction is
+    confirmed if the simulated value, with ± σ_num, meets its interval; it is compared only where
+    the surrogate interpolates.
 
     ``request``: by deformation indices. ``simulate`` returns a row of `runs`; ``resistance`` a row
     of `flows`. The best verified design is simulated at ± height_tolerance_um too.
@@ -295,12 +296,12 @@ def verify(
                             "design": place if role == "design" else None}
             rows |= {row["run_id"]: row for row in found}
             if role == "design":
-                agreements.append(compared[2]["agrees"])
+                agreements.append(_settles(compared[2]))
         if len(rows) > before:
             learnt = fit(_with(runs, rows), campaign.derive_seed(seed, f"fit {number}"))
         if stopped.startswith("round"):
             break
-        if agreements and all(a is True for a in agreements):
+        if agreements and all(agreements):
             stopped = f"round {number}: predictions confirmed"
             break
     task = Task(learnt, request, chip, seed)
@@ -329,6 +330,12 @@ def _with(runs: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
     numbers = {name: kind for name, kind in runs.dtypes.items() if kind.kind in "fi"}
     added = pd.DataFrame(done)[list(runs.columns)].astype(numbers)
     return pd.concat([runs, added], ignore_index=True)
+
+
+def _settles(difference: Mapping[str, Any]) -> bool:
+    """Whether a prediction said which cell type goes further, and was confirmed."""
+    low, high = difference["predicted_low_deg"], difference["predicted_high_deg"]
+    return difference["agrees"] is True and not low < 0 < high
 
 
 def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
@@ -408,9 +415,10 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
         verdict = "not compared: outside the training geometries"
     else:
         agrees = low - sigma <= simulated <= high + sigma
-        verdict = CONFIRMED if agrees else MISSED
-        if not agrees:
-            verdict += f" by {simulated - row['predicted_deg']:+.2f}°"
+        off = simulated - row["predicted_deg"]
+        verdict = f"{CONFIRMED} (± {half_width_deg:.2f}°)" if agrees else f"{MISSED} by {off:+.2f}°"
+        if agrees and row["population"] == "difference" and low < 0 < high:
+            verdict += ", which left the order open"
     return {**row, "predicted_low_deg": low, "predicted_high_deg": high, "agrees": agrees,
             "verdict": verdict}
 

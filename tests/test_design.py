@@ -41,7 +41,8 @@ class Known:
         return angle - self.half, angle + self.half
 
     def inside_domain(self, radius, gap, periodicity, index, cell):
-        return np.atleast_1d(self.outside(radius, gap, periodicity) <= 0.02)
+        off = [self.outside(*at) for at in np.broadcast(radius, gap, periodicity)]
+        return np.array(off) <= 0.02
 
     def sigma_num_deg(self, angle_deg, periodicity):
         return None if self.sigma is None else np.full(len(periodicity), self.sigma)
@@ -355,6 +356,18 @@ def test_tolerances_of_a_plane_by_hand():
         -0.01 * (design["pillar_radius_um"] + 2 * design["gap_um"]))
     assert table["sensitivity_deg_per_unit"]["gap_um", 0.5] == pytest.approx(0.6)
     assert "deformation_index_2" not in table.index.get_level_values(0)  # no spread given
+
+
+def test_slices_pass_through_the_best_candidate():
+    result = search(Known(lambda r, g, n, d, cell: d * (r + 2 * g + n)), ask(trials=20), CHIP, 1)
+    best = result.designs.iloc[0]
+    part = result.slices[result.slices["x_parameter"] == "periodicity"].groupby("y_parameter")
+    for name, table in part:
+        other = {"gap_um": "pillar_radius_um", "pillar_radius_um": "gap_um"}[name]
+        weight = {"pillar_radius_um": 1, "gap_um": 2}
+        expected = table["x"] + weight[name] * table["y"] + weight[other] * best[other]
+        assert table["difference_deg"].to_numpy() == pytest.approx(0.3 * expected.to_numpy())
+        assert sorted(set(table["x"])) == list(range(4, 13))
 
 
 # ------------------------------------------------------------------------------ length and pressure

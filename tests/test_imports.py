@@ -17,8 +17,8 @@ FLOORS = [
     {"shear", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
      "validation_cell", "validation_scenes", "vtk"},
     {"statistics", "calibration", "regressors", "surrogate", "sensitivity", "design", "mask"},
-    {"figures", "validation_figures", "stability_figures", "accuracy_figures", "design_figures",
-     "report", "movie"},
+    {"figures", "analysis_figures", "validation_figures", "stability_figures", "accuracy_figures",
+     "design_figures", "report", "movie"},
     {"export"},
     {"jobs"},
     {"verification"},
@@ -33,8 +33,8 @@ LIGHT = {"errors", "stability_sweep", "config", "campaign", "accuracy", "referen
 """Read by rule files and at the start of every command: no heavy import at their top."""
 HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
          "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}
-ANALYSIS = {"statistics", "calibration", "regressors", "surrogate", "sensitivity", "design", "figures",
-            "validation_figures", "accuracy_figures", "report"}
+ANALYSIS = {"statistics", "calibration", "regressors", "surrogate", "sensitivity", "design",
+            "figures", "analysis_figures", "validation_figures", "accuracy_figures", "report"}
 """These read tables and never touch a kernel."""
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
 """Only inside the functions that need them."""

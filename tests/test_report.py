@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim import figures, report
+from dldsim import analysis_figures, figures, report
+from dldsim.calibration import calibrate, correlations
 from dldsim.errors import DldsimError
 from dldsim.tables import COLUMNS, write_csv, write_table
 
@@ -136,33 +137,51 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
                 "deformation_index": squeeze,
             }))  # fmt: skip
     tables["constriction_runs"] = pd.DataFrame(constriction)
-    groups = tables["constriction_runs"].groupby("group")
-    keep = ["stiffness_set", "ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "velocity_mm_s"]
-    index = groups["deformation_index"]
-    tables["calibration"] = groups[keep].first().assign(
-        runs=index.count(), deformation_index=index.mean(), deformation_index_std=index.std(),
-        deformation_index_min=index.min(), deformation_index_max=index.max(),
-        coefficient_of_variation=index.std() / index.mean(),
-    ).reset_index()  # fmt: skip
-    names = ["deformation_index", "ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "velocity_mm_s"]
-    matrix = tables["constriction_runs"][names].corr()
-    tables["calibration_correlations"] = pd.DataFrame(
-        [{"variable_a": a, "variable_b": b, "pearson_r": matrix.loc[a, b], "n": 20}
-         for i, a in enumerate(names) for b in names[i + 1 :]]
-    )
+    fixed = tables["constriction_runs"].assign(
+        design="fixed-velocity", stiffness_set="", velocity_mm_s=2.0,
+        run_id=lambda t: t["run_id"].str.replace("_", "_fixed_"),
+        deformation_index=lambda t: 1.2 - t["deformation_index"])
+    tables["constriction_runs"] = pd.concat([tables["constriction_runs"], fixed])
+    tables["calibration"] = calibrate(tables["constriction_runs"])
+    tables["calibration_correlations"] = correlations(tables["constriction_runs"])
     factors = ["pillar_radius_um", "gap_um", "periodicity", "deformation_index"]
     terms = [*factors, *(f"deformation_index:{name}" for name in factors[:3])]
     tables["anova"] = pd.DataFrame(
         [{"model": model, "term": term, "sum_sq": 40.0 / (i + 1), "df": 1.0 + i % 3,
           "f_value": 60.0 / (i + 1) ** 2, "p_value": 10.0 ** (i - 7) / 2,
-          "partial_eta_sq": 0.9 / (i + 1), "note": ""}
+          "partial_eta_sq": 0.9 / (i + 1), "partial_omega_sq": 0.8 / (i + 1) - 0.2,
+          "p_robust": None if i else 0.02, "p_permutation": 0.2 * i, "note": ""}
          for model, part in (("hierarchical", terms), ("main_effects", terms[:4]),
                              ("seed_interactions", terms[4:])) for i, term in enumerate(part)]
         + [{"model": "main_effects", "term": "residual", "sum_sq": 11.0, "df": 14.0,
-            "f_value": None, "p_value": None, "partial_eta_sq": None, "note": "lack of fit"},
-           {"model": "hierarchical", "term": "rows", "sum_sq": None, "df": None, "f_value": None,
-            "p_value": None, "partial_eta_sq": None, "note": "3 of 24 rows left out"}]
+            "note": "lack of fit"},
+           {"model": "hierarchical", "term": "rows", "note": "3 of 24 rows left out"}]
     )
+    tables["anova_diagnostics"] = pd.DataFrame(
+        [{"model": model, "test": test, "statistic": 0.9, "p_value": p, "meaning": f"about {test}"}
+         for model in ("main_effects", "hierarchical")
+         for test, p in (("R²", None), ("Shapiro–Wilk W", 1e-5))]
+        + [{"model": "hierarchical", "test": "skewness", "statistic": None, "p_value": None,
+            "meaning": "0 for normal residuals"}])
+    tables["sobol"] = pd.DataFrame([
+        {"factor": name, "points": 64, "inside_share": 0.8} | {
+            f"{order}_order{end}": value * (i + 1) for order, value in (("first", 0.1),
+                                                                        ("total", 0.2))
+            for end, value in (("", value), ("_low", 0.9 * value), ("_high", 1.1 * value))}
+        for i, name in enumerate(factors)])
+    tables["partial_dependence"] = pd.DataFrame([
+        {"x_name": "periodicity", "y_name": name, "x": x, "y": y, "inside_share": 0.5,
+         "angle_deg": None if (x, y) == (5, 1) else x + y, "share": None if y == 1 else 0.5}
+        for name in ("gap_um", "pillar_radius_um") for x in (5, 7, 10) for y in (1, 2, 3)])
+    names = ["pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "deformation_index",
+             "cell_radius_um"]
+    tables["fabrication"] = pd.concat([
+        tables["runs"][names].assign(
+            radius_error_um=error, moved_limit_deg=0.5, predicted_angle_deg=2.0,
+            predicted_mode="bump", simulated_mode=tables["runs"]["mode"],
+            mode_change_probability=error / 2, moved_probability=0.3, angle_std_deg=0.4,
+            inside_share=0.4 if error > 0.5 else 0.9)
+        for error in (0.25, 1.0)])
     mean = tables["runs"].groupby(["pillar_radius_um", "gap_um", "periodicity"])[
         "migration_angle_deg"].mean().reset_index()  # fmt: skip
     tables["robustness"] = mean.rename(
@@ -173,19 +192,20 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
     errors = {"XGBoost": 0.3, "Random forest": 0.5, "Linear": 1.6}
     benchmark, predictions = [], []
     for model, error in errors.items():
-        for split, factor in (("random", 1), ("geometry", 3)):
+        for split, factor in (("random", 1), ("geometry", 3), ("stiffness", 2)):
             for fold in range(3):
                 test = learnt.iloc[fold::3]
                 guess = test["migration_angle_deg"] + rng.normal(0, error * factor, len(test))
                 off = guess - test["migration_angle_deg"]
                 benchmark.append({
-                    "model": model, "split": split, "fold": fold, "n_train": 14,
+                    "model": model, "split": split, "repeat": 0, "fold": fold, "n_train": 14,
                     "n_test": len(test), "mse_deg2": (off**2).mean(),
                     "rmse_deg": (off**2).mean() ** 0.5, "mae_deg": off.abs().mean(), "r2": None,
                     "fit_time_s": 0.02, "predict_time_s": 0.001,
                 })  # fmt: skip
                 predictions += [
-                    {"run_id": r["run_id"], "model": model, "split": split, "fold": fold,
+                    {"run_id": r["run_id"], "model": model, "split": split, "repeat": 0,
+                     "fold": fold,
                      "observed_deg": r["migration_angle_deg"], "predicted_deg": p,
                      "converged": r["status"] != "period_limit"}
                     for (_, r), p in zip(test.iterrows(), guess, strict=True)
@@ -409,7 +429,7 @@ def test_benchmark_table_keeps_the_splits_apart(campaign):
     folds = tables["benchmark"]
     of_model = folds[folds["model"] == "XGBoost"].groupby("split")["rmse_deg"]
     row = page.row("XGBoost")
-    for cell, split in ((row[1], "random"), (row[4], "geometry")):
+    for cell, split in ((row[2], "random"), (row[7], "geometry")):
         mean, spread = of_model.mean()[split], of_model.std()[split]
         assert cell == f"{report.number(mean, 2)} ± {report.number(spread, 2)}"
 
@@ -555,11 +575,11 @@ def test_mode_points_place_runs_against_the_critical_diameter(campaign):
 
 def test_pooled_scores():
     predictions = pd.DataFrame({
-        "model": ["A"] * 4 + ["B"] * 2, "split": "geometry",
+        "model": ["A"] * 4 + ["B"] * 2, "split": "geometry", "repeat": 0,
         "observed_deg": [0.0, 2.0, 4.0, 6.0, 1.0, 3.0],
         "predicted_deg": [1.0, 1.0, 5.0, 5.0, 1.5, 3.5],
     })  # fmt: skip
-    scores = figures.pooled_scores(predictions).set_index("model")
+    scores = analysis_figures.pooled_scores(predictions).set_index("model")
     assert list(scores.index) == ["B", "A"]  # best by geometry first
     assert scores.loc["A", ["rmse_deg", "mae_deg", "r2"]].tolist() == pytest.approx([1, 1, 0.8])
     assert scores.loc["B", "rmse_deg"] == pytest.approx(0.5)
@@ -576,7 +596,7 @@ def test_best_so_far_counts_feasible_trials_only():
 def test_correlation_matrix_is_symmetric():
     pairs = pd.DataFrame({
         "variable_a": ["x", "x"], "variable_b": ["y", "z"], "pearson_r": [0.5, None]})
-    matrix = figures.correlation_matrix(pairs)
+    matrix = analysis_figures.correlation_matrix(pairs)
     assert matrix.loc["y", "x"] == matrix.loc["x", "y"] == 0.5
     assert matrix.loc["z", "z"] == 1 and np.isnan(matrix.loc["y", "z"])
 
@@ -589,9 +609,9 @@ def test_angles_of_an_aliased_sweep_are_drawn_against_periodicity():
 
 
 def test_equal_figures_give_equal_files(campaign):
-    scores = figures.pooled_scores(campaign[0]["predictions"])
+    scores = analysis_figures.pooled_scores(campaign[0]["predictions"])
     first, second = (
-        figures.render(figures.draw_benchmark(scores, campaign[0]["benchmark"]), "svg")
+        figures.render(analysis_figures.draw_benchmark(scores, campaign[0]["benchmark"]), "svg")
         for _ in range(2)
     )
     assert first == second

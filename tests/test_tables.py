@@ -93,8 +93,8 @@ def test_numpy_columns_are_taken(path):
         (example(pearson_r="high"), ["pearson_r", "double"]),
         (example(extra=1), ["unknown extra"]),
         ([{"variable_a": "x"}], ["missing design, variable_b, pearson_r, n"]),
-        ({"design": ["a"], "variable_a": ["a", "b"], "variable_b": ["c"], "pearson_r": [1], "n": [1]},
-         ["unequal"]),
+        ({key: [value] for key, value in example()[0].items()}
+         | {"variable_a": ["a", "b"]}, ["unequal"]),
     ],
 )
 def test_bad_data_is_refused(data, parts, path):

@@ -17,6 +17,7 @@ from dldsim.tables import COLUMNS, read_rows
 ROOT = Path(__file__).parents[1]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
 AFTER_RUNS = {"runs": 1, "anova": 1, "robustness_map": 1, "benchmark": 1, "surrogate": 1,
+              "sensitivity": 1,
               "designs": 1, "learning_curve": 1, "search_regret": 1, "report": 1, "all": 1}
 AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_RUNS
 
@@ -97,7 +98,7 @@ FLOWS = {"empty_flow": 8, "flows": 1}
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ("numerics={kernel: 4-point}", SIMULATIONS | {"constrict": 3} | AFTER_CONSTRICTION),
+        ("numerics={kernel: 4-point}", SIMULATIONS | {"constrict": 6} | AFTER_CONSTRICTION),
         ("numerics={rows: 2}", SIMULATIONS | FLOWS | AFTER_RUNS),
         ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_RUNS),
         ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_RUNS),
@@ -105,13 +106,15 @@ FLOWS = {"empty_flow": 8, "flows": 1}
         ('stiffness_sets={"5": {ks_uN_per_m: 6}}',
          {"simulate_run": 8, "trajectories": 1} | AFTER_RUNS),
         ("constriction_groups={G4: {velocity_mm_s: 2}}", {"constrict": 1} | AFTER_CONSTRICTION),
-        ("constriction={release_positions_um: [0.0, 3.0]}", {"constrict": 3} | AFTER_CONSTRICTION),
+        ("constriction={release_positions_um: [0.0, 3.0]}", {"constrict": 6} | AFTER_CONSTRICTION),
+        ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
         ("sweep={gap_um: [15, 20, 21]}", {"empty_flow": 4, "flows": 1, "simulate_run": 8,
                                           "trajectories": 1} | AFTER_RUNS),
         ("sweep={gap_um: [20]}", {"flows": 1, "trajectories": 1} | AFTER_RUNS),
         ("sweep={safety_distance_um: 1}", {"designs": 1, "search_regret": 1, "report": 1,
                                             "all": 1}),
-        ("seed=3", {"benchmark": 1, "surrogate": 1, "designs": 1, "learning_curve": 1,
+        ("seed=3", {"anova": 1, "sensitivity": 1, "benchmark": 1,
+                    "surrogate": 1, "designs": 1, "learning_curve": 1,
                     "search_regret": 1, "report": 1, "all": 1}),
     ],
 )

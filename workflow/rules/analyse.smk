@@ -7,8 +7,10 @@ rule anova:
     output:
         table=f"{RESULTS}/anova.parquet",
         csv=f"{RESULTS}/anova.csv",
+        diagnostics=f"{RESULTS}/anova_diagnostics.parquet",
+        diagnostics_csv=f"{RESULTS}/anova_diagnostics.csv",
     params:
-        settings=settings_of(),
+        settings=seeded(),
     log:
         f"{RESULTS}/logs/anova.log",
     benchmark:
@@ -35,6 +37,30 @@ rule robustness_map:
         "score the robustness of each geometry"
     script:
         "../scripts/robustness_map.py"
+
+
+rule sensitivity:
+    input:
+        runs=rules.runs.output.table,
+        model=f"{RESULTS}/surrogate.json",
+        card=f"{RESULTS}/surrogate_card.json",
+    output:
+        sobol=f"{RESULTS}/sobol.parquet",
+        sobol_csv=f"{RESULTS}/sobol.csv",
+        partial_dependence=f"{RESULTS}/partial_dependence.parquet",
+        partial_dependence_csv=f"{RESULTS}/partial_dependence.csv",
+        fabrication=f"{RESULTS}/fabrication.parquet",
+        fabrication_csv=f"{RESULTS}/fabrication.csv",
+    params:
+        settings=seeded("fabrication"),
+    log:
+        f"{RESULTS}/logs/sensitivity.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/sensitivity.tsv"
+    message:
+        "ask the surrogate for sensitivities and fabrication risks"
+    script:
+        "../scripts/sensitivity.py"
 
 
 rule benchmark:

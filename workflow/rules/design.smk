@@ -40,6 +40,8 @@ rule designs:
         tolerances_csv=f"{RESULTS}/design_tolerances.csv",
         importance=f"{RESULTS}/design_importance.parquet",
         importance_csv=f"{RESULTS}/design_importance.csv",
+        slices=f"{RESULTS}/design_slices.parquet",
+        slices_csv=f"{RESULTS}/design_slices.csv",
     params:
         settings=design_settings(CONFIG.design_requests),
     log:

@@ -1,10 +1,15 @@
-"""Runs in, analysis of variance out."""
+"""Runs in, analysis of variance and its diagnostics out."""
 
+from dldsim.campaign import derive_seed
 from dldsim.jobs import job_log, provenance
-from dldsim.statistics import anova
+from dldsim.statistics import analyse
 from dldsim.tables import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
-    table, about = snakemake.output.table, provenance(snakemake.params.settings)
-    write_table("anova", anova(read_table("runs", snakemake.input[0])), table, about)
-    write_csv("anova", table)
+    seed = derive_seed(snakemake.params.settings["seed"], "anova")
+    about = provenance(snakemake.params.settings, seed)
+    table, diagnostics = analyse(read_table("runs", snakemake.input[0]), seed)
+    write_table("anova", table, snakemake.output.table, about)
+    write_csv("anova", snakemake.output.table)
+    write_table("anova_diagnostics", diagnostics, snakemake.output.diagnostics, about)
+    write_csv("anova_diagnostics", snakemake.output.diagnostics)

@@ -13,6 +13,7 @@ with job_log(snakemake.log[0]):
             "design_trials": Path(snakemake.output.trials),
             "design_tolerances": Path(snakemake.output.tolerances),
             "design_importance": Path(snakemake.output.importance),
+            "design_slices": Path(snakemake.output.slices),
         },
         **{name: Path(path) for name, path in snakemake.input.items()},
     )

@@ -1,0 +1,18 @@
+"""Runs and surrogate in, sensitivities and fabrication risks out."""
+
+from pathlib import Path
+
+from dldsim.campaign import derive_seed
+from dldsim.jobs import job_log, provenance
+from dldsim.sensitivity import examine
+from dldsim.surrogate import load
+from dldsim.tables import read_table, write_csv, write_table
+
+with job_log(snakemake.log[0]):
+    settings = snakemake.params.settings
+    seed = derive_seed(settings["seed"], "sensitivity")
+    model = load(Path(snakemake.input.model), Path(snakemake.input.card))
+    runs = read_table("runs", snakemake.input.runs)
+    for kind, table in examine(model, runs, settings["fabrication"], seed).items():
+        write_table(kind, table, snakemake.output[kind], provenance(settings, seed))
+        write_csv(kind, snakemake.output[kind])
