@@ -17,7 +17,7 @@ from dldsim.figures import (
     MODE_COLOUR,
     MODE_MARKER,
     SET_MARKERS,
-    dodge,
+    dodged,
     dot,
     key,
     legend,
@@ -138,11 +138,11 @@ def draw_calibration(runs: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
     seen = runs[runs["deformation_index"].notna()]
     for index, design in enumerate(designs):
         colour, marker = DESIGN_COLOUR[design], DESIGN_MARKER[design]
-        offset = dodge(index, len(designs), 0.36)
+        offset = dodged(index, len(designs), 0.36)
         for _, row in calibration[calibration["design"] == design].iterrows():
             place = groups.index(row["group"]) + offset
             part = seen[(seen["design"] == design) & (seen["group"] == row["group"])]
-            spread = np.array([dodge(i, len(part), 0.16) for i in range(len(part))])
+            spread = np.array([dodged(i, len(part), 0.16) for i in range(len(part))])
             left.plot(place + spread, part["deformation_index"], marker, alpha=0.7, color=colour,
                       markersize=3.5, markeredgewidth=0)
             reach = row["deformation_index_high"] - row["deformation_index"]
@@ -312,7 +312,7 @@ def draw_factors(runs: pd.DataFrame) -> Figure:
             here = points[(points["pillar_radius_um"] == radius) & (points["gap_um"] == gap)]
             if here.empty:
                 continue
-            centre = place + dodge(index, len(radii), 0.72)
+            centre = place + dodged(index, len(radii), 0.72)
             box = BOX | {"widths": 0.66 / len(radii),
                          "boxprops": {"facecolor": colours[radius], "alpha": 0.35}}
             axes.boxplot([here["migration_angle_deg"]], positions=[centre], **box)
@@ -476,7 +476,7 @@ def draw_benchmark(scores: pd.DataFrame, benchmark: pd.DataFrame) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True)
     for index, split in enumerate(splits):
         colour, marker = SPLIT_COLOUR[split], SPLIT_MARKER[split]
-        offset = dodge(index, len(splits), 0.5)
+        offset = dodged(index, len(splits), 0.5)
         folds = benchmark[(benchmark["split"] == split) & benchmark["model"].isin(models)]
         left.plot(folds["rmse_deg"], folds["model"].map(models.index) + offset, "|", color=colour,
                   markersize=7, alpha=0.7)

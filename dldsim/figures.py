@@ -300,7 +300,7 @@ def open_key(runs: pd.DataFrame) -> list:
     return open_ if (~settled(runs)).any() else []
 
 
-def dodge(index: int, count: int, width: float) -> float:
+def dodged(index: int, count: int, width: float) -> float:
     """Offset that keeps count markers at one abscissa apart within ± width/2."""
     return 0.0 if count < 2 else width * (index / (count - 1) - 0.5)
 
@@ -436,13 +436,13 @@ def draw_angles(runs: pd.DataFrame) -> Figure:
                            [of_period["bump_angle_deg"].iloc[0]] * 2, ":", color=colour)
             for index, (name, marker) in enumerate(markers.items()):
                 of_set = of_period[of_period["stiffness_set"] == name].sort_values(x_name)
-                x = of_set[x_name] + dodge(index, len(markers), dodge)
+                x = of_set[x_name] + dodged(index, len(markers), dodge)
                 panel.plot(x, of_set["migration_angle_deg"], color=colour, linewidth=0.7, alpha=0.5)
                 bars = of_set["sigma_num_deg"].fillna(0.0)
                 panel.errorbar(x, of_set["migration_angle_deg"], bars, fmt="none", ecolor=colour,
                                elinewidth=0.9)
                 for filled, part in of_set.groupby(settled(of_set)):
-                    dot(panel, part[x_name] + dodge(index, len(markers), dodge),
+                    dot(panel, part[x_name] + dodged(index, len(markers), dodge),
                          part["migration_angle_deg"], colour, marker, filled)
         gap = "" if against_gap else f", $P_g$ = {here['gap_um'].iloc[0]:g} µm"
         panel.set_title(f"$P_r$ = {radius:g} µm{gap}")
@@ -509,7 +509,7 @@ def draw_first_period(runs: pd.DataFrame) -> Figure:
     periodicities = ordered(bumps["periodicity"])
     gaps = shades_of(bumps["gap_um"], "cividis")
     for (gap, filled), part in bumps.groupby(["gap_um", settled(bumps)]):
-        offset = dodge(list(gaps).index(gap), len(gaps), 0.5)
+        offset = dodged(list(gaps).index(gap), len(gaps), 0.5)
         places = part["periodicity"].map(periodicities.index) + offset
         dot(right, places, part["first_period_angle_deg"] / part["migration_angle_deg"],
              gaps[gap], "o", filled)
@@ -540,7 +540,7 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     columns = points[["pillar_radius_um", "stiffness_set"]].apply(tuple, axis=1)
     order = {key: i for i, key in enumerate(ordered(columns))}
     for (mode, filled), part in points.groupby(["mode", settled(points)]):
-        places = [dodge(order[key], len(order), width) for key in columns[part.index]]
+        places = [dodged(order[key], len(order), width) for key in columns[part.index]]
         dot(left, part["periodicity"] + places, part["size_over_gap"], MODE_COLOUR[mode],
              MODE_MARKER[mode], filled, markersize=4.5)
         dot(right, part["size_over_critical"], part["angle_ratio"], MODE_COLOUR[mode],

@@ -199,7 +199,7 @@ def _solve(row: dict, periodicity: int, height_um: float, spacing_um: float, bou
         pillar_radius_um=radius, gap_um=PITCH_UM - 2 * radius, periodicity=periodicity
     )
     numerics = Numerics(
-        precision="float64", relaxation_time=RELAXATION_TIME, spacing_um=spacing_um,
+        precision="float64", relaxation_time=RELAXATION_TIME, spacing_um=spacing_um, rows=1,
         bounce_back=bounce_back,
     )  # fmt: skip
     return solve_empty_array(geometry, Flow(height_um=height_um), numerics)

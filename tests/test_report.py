@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from design_tables import make_design_tables
 
 from dldsim import analysis_figures, figures, report
 from dldsim.calibration import calibrate, correlations
@@ -212,25 +213,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
                 ]
     tables["benchmark"] = pd.DataFrame(benchmark)
     tables["predictions"] = pd.DataFrame(predictions)
-    tables["designs"] = pd.DataFrame([
-        {"request": "soft <from> stiff", "rank": i + 1, "pillar_radius_um": 6.0 + i,
-         "gap_um": 14.3 + i, "periodicity": 8, "separation_deg": 4.0 - 0.8 * i,
-         "angle_1_deg": 1.0, "angle_2_deg": 5.0 - 0.8 * i,
-         "separation_tolerance_min_deg": 2.5 - 0.7 * i,
-         "separation_tolerance_max_deg": 4.4 - 0.8 * i, "uncertainty_deg": 1.7,
-         "sigma_num_deg": 0.3 if i else None,
-         "verdict": "resolved" if i < 3 else "not resolved: separation below uncertainty",
-         "inside_training_domain": i != 1} for i in range(4)
-    ])  # fmt: skip
-    feasible = np.arange(60) % 5 != 0
-    tables["design_trials"] = pd.DataFrame({
-        "request": "soft <from> stiff", "trial": np.arange(60), "pillar_radius_um": 6.0,
-        "gap_um": 15.0, "periodicity": 8, "feasible": feasible,
-        "separation_deg": [
-            4 * (1 - np.exp(-i / 15)) * rng.uniform(0.3, 1) if ok else None
-            for i, ok in enumerate(feasible)],
-        "reason": np.where(feasible, "", "gap below P_r + 2 µm"),
-    })  # fmt: skip
+    tables |= make_design_tables("soft <from> stiff")
     tables["validation"] = pd.DataFrame([
         dict.fromkeys((c.name for c in COLUMNS["validation"]), "") | {
             "case": case, "group": "fluid", "quantity": quantity, "variant": variant, "unit": "1",
@@ -436,7 +419,18 @@ def test_benchmark_table_keeps_the_splits_apart(campaign):
 
 def test_design_table_shows_separation_with_uncertainty(campaign):
     _, page = campaign
-    assert page.row("1")[-5:] == ["4.00 ± 1.70", "–", "2.50 to 4.40", "yes", "resolved"]
+    [row] = [row for row in page.rows if "2.50 to 4.40" in row]
+    assert row[5:8] == ["4.00 ± 1.70", "–", "2.50 to 4.40"] and row[-2:] == ["yes", "resolved"]
+
+
+def test_verified_designs_show_simulation_beside_prediction(campaign):
+    _, page = campaign
+    row = next(r for r in page.rows if "made-up-1" in r)
+    assert "3.00 ± 0.30" in row and "4.00 ± 3.50" in row and "2.50, –" in row
+    assert row[-1] == "separates by 3.00 ± 0.30°; prediction confirmed"
+    stuck = next(r for r in page.rows if "made-up-2" in r)
+    assert stuck[-1] == "no separation measured"
+    assert "largest simulated separation of a design" in page.text
 
 
 def test_report_of_broken_runs_alone_says_what_is_missing(tmp_path):
@@ -583,14 +577,6 @@ def test_pooled_scores():
     assert list(scores.index) == ["B", "A"]  # best by geometry first
     assert scores.loc["A", ["rmse_deg", "mae_deg", "r2"]].tolist() == pytest.approx([1, 1, 0.8])
     assert scores.loc["B", "rmse_deg"] == pytest.approx(0.5)
-
-
-def test_best_so_far_counts_feasible_trials_only():
-    trials = pd.DataFrame({
-        "trial": [2, 0, 1, 3], "separation_deg": [1.0, 2.0, 9.0, None],
-        "feasible": [True, True, False, False],
-    })  # fmt: skip
-    assert figures.best_so_far(trials)["best_deg"].tolist() == [2.0, 2.0, 2.0, 2.0]
 
 
 def test_correlation_matrix_is_symmetric():
