@@ -112,7 +112,8 @@ def advance_no_slip(
     Leapfrog: a vertex moves with the velocity half a step ahead, which holds the whole force of
     the step. With that of the present, half the force, every elastic mode would grow by ω²/4 per
     step but for viscosity. ``before``: room for populations, of which staggered momentum is damped
-    now and then. Dashpots act on a running mean of the velocity, of which each step replaces the part ``blend``.
+    now and then. Dashpots act on a running mean of the velocity, of which each step replaces the
+    part ``blend``.
     """
     for step in range(steps):
         elastic_forces(body.x, body.smooth, membrane, moduli, scratch, body.force)

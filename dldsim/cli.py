@@ -1,4 +1,4 @@
-"""Commands for one-off use: run, flow, constrict, anova, design, validate, info.
+"""Commands for one-off use: run, flow, constrict, anova, stiffness, design, validate, info.
 
 Summaries go to standard output, as text or as one JSON object; all else goes to standard error.
 Keys of the summaries are the tables' column names.
@@ -42,6 +42,7 @@ EXAMPLES = {
             "--drive axial --height-um 0 --json",
     "constrict": "python -m dldsim constrict --set 1 --json",
     "anova": "python -m dldsim anova results/runs.parquet",
+    "stiffness": "python -m dldsim stiffness --di 0.7 --error 0.01",
     "design": "python -m dldsim design --set1 1 --set2 5 --r1 7.5 --r2 7.5 --gap-um 14 20 "
               "--objective robust",
     "validate": "python -m dldsim validate square-arrays membrane-forces --out validation.parquet",
@@ -170,10 +171,35 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Analysis of variance of anybody's table of runs."""
-    from dldsim import statistics
+    from dldsim.statistics import analyse
 
-    result = statistics.anova(_read_any(args.table))
-    return {"table": str(args.table), "rows": _records(result)}, _frame_lines(result)
+    frame = _read_any(args.table)
+    result, residuals = analyse(frame, args.seed)
+    summary = {"table": str(args.table), "rows": _records(result),
+               "diagnostics": _records(residuals), "sobol": []}
+    lines = ["Type II analysis of variance of migration_angle_deg", *_frame_lines(result), "",
+             "Residuals of the models", *_frame_lines(residuals), "",
+             "Sobol indices of a surrogate fitted to the table"]
+    from dldsim.sensitivity import sobol_of_table
+
+    try:
+        indices = sobol_of_table(frame, args.seed)
+    except DldsimError as error:
+        summary["sobol_refused"] = str(error)
+        return summary, [*lines, f"none: {error}"]
+    summary["sobol"] = _records(indices)
+    return summary, [*lines, *_frame_lines(indices)]
+
+
+def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Moduli of a cell with a measured deformation index."""
+    from dldsim.calibration import stiffness_for
+    from dldsim.tables import read_table
+
+    path = args.calibration or args.results / "calibration.parquet"
+    found = stiffness_for(args.di, read_table("calibration", path), args.error, args.design)
+    summary = {"deformation_index": args.di, "error": args.error} | found
+    return summary, _listing(summary)
 
 
 def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -606,6 +632,23 @@ def _parser() -> argparse.ArgumentParser:
                           help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
                                "periodicity, stiffness_set, deformation_index and "
                                "migration_angle_deg")
+
+    variance.add_argument("--seed", type=int, default=1, metavar="N",
+                          help="of permutations and surrogate; default %(default)s")
+
+    inverse = _command(commands, "stiffness", stiffness, "moduli for a measured deformation index")
+    inverse.add_argument("--di", type=float, required=True, metavar="DI",
+                         help="deformation index, inside the calibrated range")
+    inverse.add_argument("--error", type=float, default=0.0, metavar="±DI",
+                         help="standard error of it; default %(default)s")
+    inverse.add_argument("--design", default="group-velocity",
+                         choices=["group-velocity", "fixed-velocity"],
+                         help="calibration at the groups' own velocities (that of the campaign's "
+                              "deformation indices), or at one velocity; default %(default)s")
+    inverse.add_argument("--results", type=Path, default=Path("results"), metavar="DIR",
+                         help="campaign whose calibration is taken; default %(default)s")
+    inverse.add_argument("--calibration", type=Path, metavar="FILE",
+                         help="calibration file, instead of the one in the results folder")
 
     wanted = _command(commands, "design", design, "geometries that separate two cell types best")
     for i in "12":

@@ -4,6 +4,7 @@ Nothing here is simulated: a candidate is the surrogate's prediction, with the s
 :mod:`dldsim.verification` makes designs of candidates.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from math import hypot, sqrt
@@ -415,13 +416,19 @@ def grid_importance(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _importance(study: "optuna.Study") -> pd.DataFrame:
-    """Importance of the parameters for being among the best tenth of the trials."""
+    """Importance of the parameters for being among the best tenth of the trials.
+
+    Not known where too many trials are equally good to tell a best tenth apart.
+    """
     from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 
     known = dict.fromkeys(GEOMETRY, np.nan)
     values = {t.value for t in study.trials if t.value is not None}
-    if len(values) > 1:
-        known |= get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
+    with warnings.catch_warnings(record=True) as equal:
+        warnings.simplefilter("always")
+        if len(values) > 1:
+            found = get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
+            known = known if equal else known | found
     return pd.DataFrame({"parameter": GEOMETRY, "importance": [known[n] for n in GEOMETRY],
                          "evaluator": "PED-ANOVA, best tenth of the trials"})
 

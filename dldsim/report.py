@@ -902,7 +902,8 @@ def _card(campaign: Campaign) -> str:
     return (
         f"<p>The surrogate ({campaign.link(path)}) was learnt from "
         f"{counted(card['data']['used'], 'run')} of "
-        f"{counted(card['data']['geometries'], 'array')}, {card['data']['not_converged']} of them not converged. On arrays held out: RMSE "
+        f"{counted(card['data']['geometries'], 'array')}, {card['data']['not_converged']} of them "
+        "not converged. On arrays held out: RMSE "
         f"{number(score['rmse_deg'], 2)}°, median error "
         f"{number(score['median_absolute_error_deg'], 2)}°, R² "
         f"{fixed(score['r2'], 3)}; the rule of the critical diameter: RMSE "

@@ -12,7 +12,7 @@ import pandas as pd
 
 from dldsim.regressors import GEOMETRY, INPUTS, angle_of, learnable, share_of
 from dldsim.statistics import axes_of
-from dldsim.surrogate import Surrogate
+from dldsim.surrogate import Surrogate, fit
 from dldsim.trajectory import BUMP_FROM, ZIGZAG_TO
 
 DEFORMATION = "deformation_index"
@@ -101,6 +101,19 @@ def _followers(data: pd.DataFrame, factor: list[str], lead: str, values) -> dict
     """Values of the parameters that the runs tie to `lead`, by interpolation between the runs."""
     known = data.drop_duplicates(lead).sort_values(lead)
     return {name: np.interp(values, known[lead], known[name]) for name in factor if name != lead}
+
+
+def sobol_of_table(frame: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """Sobol indices of anybody's table with the columns that `statistics.anova` needs.
+
+    A surrogate is fitted first. Where the table tells no cell radius one is assumed: a common
+    radius cancels in every feature but for constants. Raises DldsimError as `surrogate.fit` does.
+    """
+    runs = frame.assign(stiffness_set=frame["stiffness_set"].astype(str))
+    assumed = {"run_id": [f"row{i:06d}" for i in range(len(frame))], "cell_radius_um": 7.5,
+               "status": "converged"}
+    runs = runs.assign(**{name: v for name, v in assumed.items() if name not in frame})
+    return sobol(fit(runs, seed), runs, seed)
 
 
 def partial_dependence(surrogate: Surrogate, runs: pd.DataFrame) -> pd.DataFrame:

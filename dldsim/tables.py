@@ -342,7 +342,9 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _count("rank", "1 is the best; equal: apart by less than the numerical uncertainty"),
         *_GEOMETRY,
         _text("objective", "what was maximised: separation, or robust"),
-        _real("value", "°; 1 below zero", "its value; robust, below zero: share of the draws' range"),
+        _real(
+            "value", "°; 1 below zero", "its value; robust, below zero: share of the draws' range"
+        ),
         _real("separation_deg", "°", "difference of the two predicted angles"),
         _real("angle_1_deg", "°", "predicted angle of the first cell type"),
         _real("angle_2_deg", "°", "predicted angle of the second cell type"),

@@ -127,6 +127,8 @@ def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
     code, summary, _ = call(capsys, "anova", tmp_path / "table.csv")
     assert code == 0
     assert set(summary["rows"][0]) == {c.name for c in COLUMNS["anova"]}
+    assert set(summary["diagnostics"][0]) == {c.name for c in COLUMNS["anova_diagnostics"]}
+    assert summary["sobol"] or summary["sobol_refused"]
     effects = {r["term"]: r["p_value"] for r in summary["rows"] if r["model"] == "main_effects"}
     assert effects["pillar_radius_um"] < 1e-6 < effects["gap_um"]
 

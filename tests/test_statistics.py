@@ -5,10 +5,10 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import f_oneway
+from scipy.stats import f, f_oneway
 
 from dldsim.errors import DldsimError
-from dldsim.statistics import GEOMETRY, anova, robustness
+from dldsim.statistics import GEOMETRY, analyse, anova, most_frequent, robustness
 
 DI = {"1": 0.50, "2": 0.60, "3": 0.78}
 
@@ -250,3 +250,83 @@ def test_robustness_needs_angles():
         robustness(factorial(noisy()).assign(migration_angle_deg=np.nan))
     with pytest.raises(DldsimError, match="gap_um"):
         robustness(factorial(noisy()).drop(columns="gap_um"))
+
+
+def test_omega_and_eta_by_hand():
+    """One factor, balanced: ω² = (SS − df MSE) / (SS + (N − df) MSE)."""
+    frame = factorial(noisy(seed=3, r=0.05), gaps=(20,), rows=(4,), sets={"1": 0.5})
+    frame = pd.concat([frame.assign(stiffness_set=str(i), migration_angle_deg=lambda t, i=i:
+                       t["migration_angle_deg"] + 0.1 * (i % 3) * (-1) ** i) for i in range(7)])
+    row, rest = (pick(anova(frame), "main_effects", t) for t in ("pillar_radius_um", "residual"))
+    error = rest["sum_sq"] / rest["df"]
+    assert row["partial_omega_sq"] == pytest.approx(
+        (row["sum_sq"] - 2 * error) / (row["sum_sq"] + (21 - 2) * error))
+    assert row["partial_omega_sq"] < row["partial_eta_sq"]
+
+
+def test_robust_p_is_the_wald_test_with_hc3():
+    """Two levels, one degree of freedom: (b/se)² with se from the sandwich written out."""
+    frame = factorial(noisy(seed=5, r=0.1, n=0.2), radii=(6, 8), gaps=(20,), sets={"1": 0.5})
+    frame = pd.concat([frame, frame.assign(stiffness_set="2", migration_angle_deg=lambda t:
+                       t["migration_angle_deg"] + np.linspace(-1, 1, len(t)) ** 3)])
+    row = pick(anova(frame), "main_effects", "pillar_radius_um")
+    x = np.column_stack([np.ones(len(frame)), frame["pillar_radius_um"] == 8,
+                         pd.get_dummies(frame["periodicity"]).to_numpy(float)[:, 1:]]).astype(float)
+    y = frame["migration_angle_deg"].to_numpy()
+    bread = np.linalg.inv(x.T @ x)
+    beta = bread @ x.T @ y
+    leverage = np.einsum("ij,jk,ik->i", x, bread, x)
+    meat = (x * ((y - x @ beta) / (1 - leverage))[:, None]).T
+    covariance = bread @ (meat @ meat.T) @ bread
+    p = f.sf(beta[1] ** 2 / covariance[1, 1], 1, len(y) - x.shape[1])
+    assert row["p_robust"] == pytest.approx(p)
+
+
+def test_permutation_knows_that_rows_of_a_geometry_are_not_independent():
+    """An effect of the radius on rows is noise between geometries: F is fooled, they are not."""
+    draw = np.random.default_rng(11)
+    offset = {key: draw.normal() for key in product((6, 8, 10), (18, 20), (4, 6))}
+    sets = {str(i): 0.5 + 0.01 * i for i in range(12)}
+    frame = factorial(lambda r, g, n, d: offset[r, g, n] + 0.01 * draw.normal(), gaps=(18, 20),
+                      rows=(4, 6), sets=sets)
+    table, tests = analyse(frame)
+    row = pick(table, "main_effects", "pillar_radius_um")
+    assert row["p_value"] < 1e-3 and row["p_permutation"] > 0.05
+    icc = tests.query("model == 'main_effects' and test == 'correlation within geometry'")
+    assert icc["statistic"].iloc[0] > 0.9
+
+
+def test_permutation_finds_what_is_there():
+    table = anova(factorial(noisy(seed=3, r=0.5, n=-0.3, d=3, rd=0.4)))
+    for term in ("pillar_radius_um", "periodicity", "deformation_index"):
+        assert pick(table, "main_effects", term)["p_permutation"] <= 0.005
+    assert pick(table, "hierarchical", "deformation_index:pillar_radius_um")[
+        "p_permutation"] <= 0.005
+    assert pick(table, "hierarchical", "gap_um:periodicity")["p_permutation"] > 0.01
+    missing = factorial(noisy(seed=3, r=0.5)).drop(range(0, 81, 4))  # few geometries are complete
+    assert anova(missing)["p_permutation"].isna().all()
+
+
+def test_diagnostics_tell_modes_from_noise():
+    """Normal noise passes; two modes fail; unequal variance fails."""
+    def of(angle, test):
+        tests = analyse(factorial(angle))[1].set_index(["model", "test"])
+        return tests.loc[("main_effects", test)]
+
+    draw = np.random.default_rng(4)
+    assert of(noisy(seed=1, r=1), "Shapiro–Wilk W")["p_value"] > 0.01
+    modes = of(lambda r, g, n, d: draw.choice([0, 5]) + 0.1 * draw.normal(), "Shapiro–Wilk W")
+    assert modes["p_value"] < 1e-3
+    unequal = of(lambda r, g, n, d: draw.normal() * (n - 3) ** 2, "Breusch–Pagan LM")
+    assert unequal["p_value"] < 1e-3
+
+
+def test_most_frequent_values_of_the_stable_arrays():
+    table = pd.DataFrame({
+        "pillar_radius_um": [6, 6, 8, 8], "gap_um": 20.0, "periodicity": [4, 5, 4, 5],
+        "stability_score_deg2": [1.0, 2.0, 3.0, np.nan], "robust": [True, True, False, False]})
+    found = most_frequent(table).set_index(["parameter", "value"])
+    assert found.loc[("pillar_radius_um", 6.0), "count"] == 2
+    assert found.loc[("pillar_radius_um", 6.0), "expected"] == pytest.approx(4 / 3)
+    assert found.loc[("periodicity", 5.0), "expected"] == pytest.approx(2 / 3)
+    assert ("pillar_radius_um", 8.0) not in found.index

@@ -18,7 +18,9 @@ ROOT = Path(__file__).parents[1]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
 AFTER_RUNS = {"runs": 1, "anova": 1, "robustness_map": 1, "benchmark": 1, "surrogate": 1,
               "sensitivity": 1,
-              "designs": 1, "learning_curve": 1, "search_regret": 1, "report": 1, "all": 1}
+              "designs": 1, "learning_curve": 1, "search_regret": 1, "verify": 1,
+              "verifications": 1, "report": 1, "all": 1}
+VERIFIED = {"verify": 1, "verifications": 1, "report": 1, "all": 1}
 AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_RUNS
 
 
@@ -111,11 +113,12 @@ FLOWS = {"empty_flow": 8, "flows": 1}
         ("sweep={gap_um: [15, 20, 21]}", {"empty_flow": 4, "flows": 1, "simulate_run": 8,
                                           "trajectories": 1} | AFTER_RUNS),
         ("sweep={gap_um: [20]}", {"flows": 1, "trajectories": 1} | AFTER_RUNS),
-        ("sweep={safety_distance_um: 1}", {"designs": 1, "search_regret": 1, "report": 1,
-                                            "all": 1}),
+        ("sweep={safety_distance_um: 1}", {"designs": 1, "search_regret": 1} | VERIFIED),
+        ("device={array_width_mm: 3}", {"designs": 1, "search_regret": 1} | VERIFIED),
+        ("verification={rounds: 2}", VERIFIED),
         ("seed=3", {"anova": 1, "sensitivity": 1, "benchmark": 1,
                     "surrogate": 1, "designs": 1, "learning_curve": 1,
-                    "search_regret": 1, "report": 1, "all": 1}),
+                    "search_regret": 1} | VERIFIED),
     ],
 )
 def test_a_changed_value_reruns_its_dependents_only(finished, change, expected):
@@ -170,6 +173,9 @@ def test_tiny_campaign_end_to_end(tmp_path):
         "calibration_correlations": "calibration_correlations", "anova": "anova",
         "robustness": "robustness", "benchmark": "benchmark", "predictions": "predictions",
         "designs": "designs", "design_trials": "design_trials",
+        "design_tolerances": "design_tolerances", "design_importance": "design_importance",
+        "design_slices": "design_slices", "verifications": "verifications",
+        "verified_designs": "verified_designs",
         "learning_curve": "learning_curve", "search_regret": "search_regret",
     }.items():
         assert read_rows(kind, results / f"{name}.parquet"), name
