@@ -53,9 +53,9 @@ def sobol(surrogate: Surrogate, runs: pd.DataFrame, seed: int) -> pd.DataFrame:
     whole numbers); parameters that determine each other in the runs (gap = radius + 10 µm) are one
     input, and the others follow from the first by interpolation between the runs. First order: the
     share of the variance due to an input alone; total order: with all interactions it takes part
-    in. Saltelli's estimator of SciPy with bootstrap intervals of level CONFIDENCE.
+    in. Over a Sobol sequence, with bootstrap intervals of level CONFIDENCE.
     """
-    from scipy.stats import sobol_indices, uniform
+    from scipy.stats import qmc
 
     data = learnable(runs)
     cell = float(data["cell_radius_um"].iloc[0])
@@ -79,21 +79,22 @@ def sobol(surrogate: Surrogate, runs: pd.DataFrame, seed: int) -> pd.DataFrame:
         values = values_of(np.atleast_2d(unit))
         return surrogate.predict(*(values[n] for n in [*GEOMETRY, DEFORMATION]), cell)
 
-    found = sobol_indices(
-        func=lambda x: angle(x)[None], n=SOBOL_POINTS, dists=[uniform()] * len(factors),
-        rng=np.random.default_rng(seed),
-    )  # fmt: skip
-    limits = found.bootstrap(confidence_level=CONFIDENCE, n_resamples=BOOTSTRAP)
-    sample = values_of(np.random.default_rng(seed).random((len(factors), SOBOL_POINTS // 2)))
-    inside = surrogate.inside_domain(*(sample[n] for n in [*GEOMETRY, DEFORMATION]), cell).mean()
-    orders = {
-        "first": (np.ravel(found.first_order), limits.first_order.confidence_interval),
-        "total": (np.ravel(found.total_order), limits.total_order.confidence_interval),
-    }
+    count = len(factors)
+    design = qmc.Sobol(2 * count, rng=np.random.default_rng(seed)).random(SOBOL_POINTS).T
+    first, second = design[:count], design[count:]
+    mixed = [np.where(np.arange(count)[:, None] == i, second, first) for i in range(count)]
+    values = np.array([angle(unit) for unit in (first, second, *mixed)])
+    values -= values[:2].mean()
+    draws = np.random.default_rng(seed).integers(0, SOBOL_POINTS, (BOOTSTRAP, SOBOL_POINTS))
+    sampled = np.array([_indices(values[:, rows]) for rows in draws])  # (draws, order, factor)
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(sampled, [tail, 1 - tail], axis=0)
+    inside = surrogate.inside_domain(
+        *(values_of(first)[n] for n in [*GEOMETRY, DEFORMATION]), cell).mean()
     table = {"factor": [" & ".join(factor) for factor in factors]}
-    for name, (value, interval) in orders.items():
-        table |= {f"{name}_order": value, f"{name}_order_low": np.ravel(interval.low),
-                  f"{name}_order_high": np.ravel(interval.high)}
+    for i, (name, value) in enumerate(zip(("first", "total"), _indices(values), strict=True)):
+        table |= {f"{name}_order": value, f"{name}_order_low": low[i],
+                  f"{name}_order_high": high[i]}
     return pd.DataFrame(table).assign(points=SOBOL_POINTS, inside_share=float(inside))
 
 
@@ -101,6 +102,18 @@ def _followers(data: pd.DataFrame, factor: list[str], lead: str, values) -> dict
     """Values of the parameters that the runs tie to `lead`, by interpolation between the runs."""
     known = data.drop_duplicates(lead).sort_values(lead)
     return {name: np.interp(values, known[lead], known[name]) for name in factor if name != lead}
+
+
+def _indices(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and total order from values at A, B and A with each column of B, (2 + factors, n).
+
+    Saltelli et al. (2010), doi:10.1016/j.cpc.2009.09.018, table 2, rows (b) and (f). The values are
+    centred.
+    """
+    a, b, mixed = values[0], values[1], values[2:]
+    variance = max(values[:2].var(), 1e-300)
+    return ((b * (mixed - a)).mean(axis=1) / variance,
+            ((a - mixed) ** 2).mean(axis=1) / (2 * variance))
 
 
 def sobol_of_table(frame: pd.DataFrame, seed: int) -> pd.DataFrame:

@@ -556,6 +556,8 @@ def _height_runs(task: Task, designs: pd.DataFrame, populations, simulate, left:
 def _with_heights(designs: pd.DataFrame, heights: Sequence[Mapping], height_um: float
                   ) -> pd.DataFrame:
     """The table with the simulated separation of the best design at both heights."""
+    if not heights:
+        return designs
     designs = designs.copy()
     order = 1.0 if designs["angle_2_deg"].iloc[0] >= designs["angle_1_deg"].iloc[0] else -1.0
     for row in heights:

@@ -105,4 +105,4 @@ def test_table_of_anybody_needs_no_radius_and_does_not_depend_on_it():
     frame = make_runs(radii=(5.0, 10.0), indices=(0.5, 0.78))[needed]
     plain = sensitivity.sobol_of_table(frame, seed=2)
     other = sensitivity.sobol_of_table(frame.assign(cell_radius_um=3.0), seed=2)
-    pd.testing.assert_frame_equal(plain, other, rtol=1e-3, atol=1e-3)
+    pd.testing.assert_frame_equal(plain, other, rtol=1e-2, atol=1e-2)
