@@ -60,7 +60,7 @@ def test_examples_parse(command):
         (["info", "no.parquet"], ["no.parquet", "does not exist"]),
         (["design", "--di1", "0.5"], ["--di2"]),
         (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
-        (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["calibration.parquet"]),
+        (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["runs.parquet"]),
     ],
 )
 def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch):
