@@ -183,7 +183,8 @@ def draw_correlations(correlations: pd.DataFrame) -> Figure:
         for i, (name, row) in enumerate(matrix.iterrows()):
             for j, (other, value) in enumerate(row.items()):
                 text = "–" if np.isnan(value) else f"{value:.2f}".replace("-", "−")
-                if name == "deformation_index" and other in PAPER_CORRELATION:
+                seed = design == GROUP_VELOCITY and name == "deformation_index"
+                if seed and other in PAPER_CORRELATION:
                     text += f"\n({PAPER_CORRELATION[other]:.2f})"
                 panel.text(j, i, text, ha="center", va="center", fontsize=8,
                            color="white" if abs(value) > 0.75 else "black")

@@ -39,6 +39,7 @@ CURVE_REPEATS, CURVE_SIZES, CURVE_HELD_OUT = 10, 7, 0.2
 CURVE_MODELS = (SURROGATE, "XGBoost", CURVE, BASELINE)
 ETA = (-30.0, 5.0)
 """Beyond these the share is 0 or 1 in double precision."""
+INDEX_SCALE, TYPICAL_ROWS = 0.05, 8
 LEAST_SHARE = 1e-4
 """Shares nearer to 0 or 1 start the trees from there: the logarithm of the odds must be finite."""
 
@@ -138,29 +139,31 @@ class CriticalDiameterRule(_Settable):
 class TwoLimitCurve(_Settable):
     """Share of the bump displacement s = 1 − exp(−exp η), with η linear in five terms.
 
-    η holds ln 2R/D_c, ln N_p, ln P_r/R, DI and ln N_p · ln P_r/R. Below the transition s dies out
-    gradually (mixed motion), above it the bump is soon complete, hence this link and not the
-    symmetric logistic one. Least squares in degrees, ridge ``penalty`` [deg²] on the standardised
-    terms, so that few runs give a cautious curve. The two limits, 0 and the bump angle, are kept
-    whatever the data.
+    η holds x = ln 2R/D_c, the law of rigid spheres; DI, which moves the transition; and what may be
+    wrong with the law's exponent and prefactor: ln N_p, ln P_r/R and their product. Below the
+    transition s dies out gradually (mixed motion), above it the bump is soon complete, hence this
+    link and not the symmetric logistic one. Least squares in degrees with a ridge [deg²] that
+    hardly touches x, holds DI lightly (its levels may lie so close that a slope says nothing beyond
+    them) and the corrections by ``penalty``, so that few runs give the law and many its correction.
+    The two limits, 0 and the bump angle, are kept whatever the data.
     """
 
-    def __init__(self, penalty: float = 0.1):
+    def __init__(self, penalty: float = 3.0):
         self.penalty = penalty
 
     @staticmethod
     def terms(x: np.ndarray) -> np.ndarray:
+        """(n, 5); DI and ln N_p in units and from a level that make their slopes comparable."""
         size, _, rows, pillar, _, index, _ = x.T
-        return np.column_stack([size, rows, pillar, index, rows * pillar])
+        return np.column_stack(
+            [size, index / INDEX_SCALE, rows, pillar, (rows - np.log(TYPICAL_ROWS)) * pillar])
 
     def fit(self, x: np.ndarray, y: np.ndarray) -> "TwoLimitCurve":
         terms, rows = self.terms(x), np.exp(x[:, FEATURES.index("log_periodicity")])
-        self.centre, self.scale = terms.mean(axis=0), terms.std(axis=0)
-        self.scale[self.scale**2 < NEGLIGIBLE] = np.inf  # a constant term has no coefficient
-        design = np.column_stack([np.ones(len(y)), (terms - self.centre) / self.scale])
+        self.centre = terms.mean(axis=0)
+        design = np.column_stack([np.ones(len(y)), terms - self.centre])
         target, bump = np.clip(share_of(y, rows), 0, 1), x[:, FEATURES.index("bump_angle_deg")]
-
-        ridge = np.sqrt(self.penalty) * np.eye(design.shape[1])[1:]
+        ridge = np.diag(np.sqrt([0, 0.01, 0.1, self.penalty, self.penalty, self.penalty]))[1:]
 
         def misfit(b: np.ndarray) -> np.ndarray:
             return np.r_[bump * (_gompertz(design @ b) - target), ridge @ b]
@@ -169,13 +172,13 @@ class TwoLimitCurve(_Settable):
             eta = np.clip(design @ b, *ETA)
             return np.vstack([(bump * np.exp(eta - np.exp(eta)))[:, None] * design, ridge])
 
-        start = np.r_[-1.0, np.zeros(terms.shape[1])]
+        start = np.r_[-1.0, 3.0, np.zeros(terms.shape[1] - 1)]
         self.coefficients = least_squares(misfit, start, slope).x
         return self
 
     def share(self, x: np.ndarray) -> np.ndarray:
         """Predicted share of the bump displacement, 0 to 1, shape (n,)."""
-        terms = (self.terms(x) - self.centre) / self.scale
+        terms = self.terms(x) - self.centre
         return _gompertz(self.coefficients[0] + terms @ self.coefficients[1:])
 
     def predict(self, x: np.ndarray) -> np.ndarray:
@@ -183,16 +186,12 @@ class TwoLimitCurve(_Settable):
 
     def state(self) -> dict[str, list[float]]:
         """All numbers of a fitted curve; `from_state` is the inverse."""
-        scale = [float(s) if np.isfinite(s) else 0.0 for s in self.scale]
-        return {"coefficients": self.coefficients.tolist(), "centre": self.centre.tolist(),
-                "scale": scale}
+        return {"coefficients": self.coefficients.tolist(), "centre": self.centre.tolist()}
 
     @classmethod
     def from_state(cls, state: dict[str, list[float]]) -> "TwoLimitCurve":
         curve = cls()
         curve.coefficients, curve.centre = (np.array(state[n]) for n in ("coefficients", "centre"))
-        scale = np.array(state["scale"])
-        curve.scale = np.where(scale == 0, np.inf, scale)
         return curve
 
 
@@ -213,13 +212,13 @@ class BoundedXGBoost(_Settable):
     with the curve as base margin), so that no prediction leaves the range from 0 to the bump angle.
     """
 
-    def __init__(self, seed: int, trees: int = 60, depth: int = 2):
-        self.seed, self.trees, self.depth = seed, trees, depth
+    def __init__(self, seed: int, penalty: float = 3.0, trees: int = 60, depth: int = 2):
+        self.seed, self.penalty, self.trees, self.depth = seed, penalty, trees, depth
 
     def fit(self, x: np.ndarray, y: np.ndarray) -> "BoundedXGBoost":
         import xgboost
 
-        self.curve = TwoLimitCurve().fit(x, y)
+        self.curve = TwoLimitCurve(self.penalty).fit(x, y)
         rows = np.exp(x[:, FEATURES.index("log_periodicity")])
         matrix = xgboost.DMatrix(x, np.clip(share_of(y, rows), 0, 1),
                                  base_margin=odds(self.curve.share(x)))
@@ -271,8 +270,9 @@ def make_regressors(seed: int) -> dict[str, tuple[Any, list[dict[str, Any]]]]:
     )
     return {
         SURROGATE: (BoundedXGBoost(seed), [
-            {"trees": 15, "depth": 2}, {"trees": 60, "depth": 2}, {"trees": 100, "depth": 3}]),
-        CURVE: (TwoLimitCurve(), [{"penalty": p} for p in (0.03, 0.1, 1.0)]),
+            {"penalty": 30, "trees": 5, "depth": 2}, {"penalty": 3, "trees": 15, "depth": 2},
+            {"penalty": 3, "trees": 60, "depth": 2}, {"penalty": 0.3, "trees": 100, "depth": 3}]),
+        CURVE: (TwoLimitCurve(), [{"penalty": p} for p in (30, 3, 0.3)]),
         "XGBoost": (boosted, [
             {"n_estimators": n, "max_depth": d} for n, d in ((60, 2), (60, 4), (150, 4))]),
         "SVR with feature selection": (

@@ -944,8 +944,8 @@ def _both(table: pd.DataFrame, name: str, decimals: int = 2) -> list[str]:
     """Values of both cell types, with their modes."""
     pairs = zip(table[f"{name}_1_deg"], table["mode_1"], table[f"{name}_2_deg"], table["mode_2"],
                 strict=True)
-    return [f"{fixed(a, decimals)} {text(m)},<br>{fixed(b, decimals)} {text(n)}"
-            for a, m, b, n in pairs]
+    return [f"{fixed(a, decimals)} {figures.mode_name(m)},<br>"
+            f"{fixed(b, decimals)} {figures.mode_name(n)}" for a, m, b, n in pairs]
 
 
 def _range(table: pd.DataFrame, low: str, high: str) -> list[str]:
@@ -1021,7 +1021,7 @@ def _verified(campaign: Campaign) -> list[str]:
             "simulated [°]": [
                 fixed(s, 2) + (f" ± {fixed(u, 2)}" if pd.notna(u) else "")
                 for s, u in zip(rows["simulated_deg"], rows["sigma_num_deg"], strict=True)],
-            "mode": _texts(rows["mode"]), "verdict": _texts(rows["verdict"]),
+            "mode": map(figures.mode_name, rows["mode"]), "verdict": _texts(rows["verdict"]),
             "note": _texts(rows["note"]),
         },
         "All runs of the verification. Shaded: the prediction was missed, or there is no angle.",

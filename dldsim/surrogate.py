@@ -279,7 +279,7 @@ def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
     card = {
         "kind": KIND, "response": "share of the bump displacement tan(migration angle) N_p",
         "features": FEATURES, "seed": int(seed), "curve": model.curve.state(),
-        "settings": {"trees": model.trees, "depth": model.depth},
+        "settings": {"penalty": model.penalty, "trees": model.trees, "depth": model.depth},
         "data": {
             "sha256": _data_hash(data), "runs": len(runs), "used": len(data),
             "not_converged": int((~data["status"].isin(["converged", "periodic"])).sum()),

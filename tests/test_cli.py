@@ -135,7 +135,8 @@ def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
 
 def test_info_describes_a_table(capsys, tmp_path):
     path = tmp_path / "table.parquet"
-    rows = [{"variable_a": "a", "variable_b": "b", "pearson_r": None, "n": 2}]
+    rows = [{"design": "group-velocity", "variable_a": "a", "variable_b": "b",
+             "pearson_r": None, "n": 2}]  # fmt: skip
     write_table("calibration_correlations", rows, path, {"config_hash": "x", "seed": None})
     code, summary, _ = call(capsys, "info", path)
     assert code == 0 and summary["rows"] == 1 and summary["provenance"]["config_hash"] == "x"

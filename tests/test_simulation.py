@@ -308,8 +308,8 @@ def test_the_two_dimensional_limit_is_refused():
 
 
 def test_an_empty_flow_of_another_lattice_is_refused(empty):
-    with pytest.raises(DldsimError, match="rows = 1 .run: 2"):
-        simulate(numerics=Numerics(rows=2), empty_flow=empty)
+    with pytest.raises(DldsimError, match="rows = 2 .run: 3"):
+        simulate(numerics=Numerics(rows=3), empty_flow=empty)
 
 
 def test_an_empty_flow_of_another_drive_is_refused(empty):

@@ -18,7 +18,7 @@ RAW = yaml.safe_load((Path(__file__).parents[1] / "config.yaml").read_text(encod
 
 @pytest.fixture(scope="module")
 def config():
-    return resolve(RAW, {"numerics": {"spacing_um": 2.0}})
+    return resolve(RAW, {"numerics": {"spacing_um": 2.0, "velocity_lu": 0.0125}})
 
 
 def test_every_set_and_group_is_multiplied_up_to_a_thousand(config):
@@ -43,7 +43,7 @@ def test_points_are_valid_and_differ(config, name):
 def test_rows_say_what_was_predicted_and_what_happened(config, tmp_path, monkeypatch):
     monkeypatch.setattr(sweep, "FAMILIES", {"gap": sweep._along(
         "Gap", "P_g [µm]", "geometry", "gap_um", (4, 12)
-    ), "area": sweep._along("Area", "k_ag", "stiffness", "kag_uN_per_m", (500, 2e4))})  # fmt: skip
+    ), "area": sweep._along("Area", "k_ag", "stiffness", "kag_uN_per_m", (50, 2e4))})  # fmt: skip
     said = []
     rows = sweep.run_family("gap", config, said.append) + sweep.run_family("area", config)
     write_table("stability", rows, tmp_path / "stability.parquet", {})

@@ -153,13 +153,13 @@ def test_share_and_angle_are_inverse():
 def test_curve_recovers_a_known_transition():
     """Runs drawn from the curve itself, finely: the same shares come back."""
     made = regressors.TwoLimitCurve()
-    made.coefficients = np.array([-0.5, 6.0, 0.5, 0.3, -1.0, 0.2])
-    made.centre, made.scale = np.array([0.5, 2.0, -0.1, 0.65, -0.2]), np.ones(5)
+    made.coefficients = np.array([-0.5, 6.0, -0.1, 0.5, 0.3, 0.2])
+    made.centre = np.array([0.5, 13.0, 2.0, -0.1, -0.05])
     runs = make_runs()
     x, _ = regressors.inputs_and_angles(runs)
     truth = made.predict(x)
-    found = regressors.TwoLimitCurve(penalty=1e-9).fit(x, truth)
-    assert found.predict(x) == pytest.approx(truth, abs=1e-3)
+    found = regressors.TwoLimitCurve(penalty=1e-6).fit(x, truth)
+    assert found.predict(x) == pytest.approx(truth, abs=0.02)
     again = regressors.TwoLimitCurve.from_state(json.loads(json.dumps(found.state())))
     assert np.array_equal(again.predict(x), found.predict(x))
 
