@@ -27,9 +27,11 @@ def best_so_far(trials: pd.DataFrame) -> pd.DataFrame:
 def rounds_of(verifications: pd.DataFrame) -> pd.DataFrame:
     """Differences of each request in the order of their runs, with their place along the axis."""
     table = verifications[verifications["population"] == "difference"]
-    table = table.assign(late=table["role"] == "height")
-    table = table.sort_values(["request", "late", "round", "array", "height_um"], kind="stable")
-    return table.assign(place=table.groupby("request").cumcount()).drop(columns="late")
+    order = {name: i for i, name in enumerate(dict.fromkeys(table["request"]))}
+    table = table.assign(order=table["request"].map(order), late=table["role"] == "height")
+    table = table.sort_values(["order", "late", "round", "array", "height_um"], kind="stable")
+    place = table.groupby("request").cumcount()
+    return table.assign(place=place).drop(columns=["order", "late"])
 
 
 def parallel_lines(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, tuple[float, float]]]:
@@ -58,6 +60,7 @@ def draw_history(trials: pd.DataFrame) -> Figure:
         panel.plot(bottom, np.full(len(bottom), low), "x", color=GREY, markersize=4, clip_on=False)
         panel.set(title=request, xlabel="trial", ylabel="objective [°]", ylim=(low, None))
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        panel.yaxis.set_major_formatter("{x:.3g}")
     legend(figure, [key("#56B4E9", "o", label="feasible trial"),
                     key(GREY, "x", label="infeasible trial"),
                     key("#0072B2", line="-", label="best so far")])

@@ -1043,7 +1043,7 @@ def _picture(path: Path) -> str:
 
 
 def _candidates(campaign: Campaign) -> list[str]:
-    designs = campaign["designs"].sort_values(["request", "design"], kind="stable")
+    designs = campaign["designs"]
     parts = [campaign.figure(
         "designs", figures.draw_designs(designs),
         "Candidates, predicted by the surrogate and not simulated. Line: range of the separation "

@@ -115,6 +115,20 @@ def test_constrict_answers_with_the_columns_of_constriction_runs(capsys, tmp_pat
     assert summary == read_rows("constriction_runs", row)[0]
 
 
+def test_stiffness_for_an_index_with_its_interval(capsys, tmp_path):
+    from test_calibration import constriction_runs
+
+    from dldsim.calibration import calibrate
+
+    path = tmp_path / "calibration.parquet"
+    write_table("calibration", calibrate(constriction_runs()), path, {})
+    code, found, _ = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration", path)
+    assert code == 0 and found["ks_uN_per_m"] == pytest.approx(7.5)
+    assert found["ks_uN_per_m_low"] < 7 < 8 < found["ks_uN_per_m_high"]
+    code, _, message = call(capsys, "stiffness", "--di", 0.9, "--calibration", path)
+    assert code == 2 and "0.5 to 0.7" in message
+
+
 def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
     rng = np.random.default_rng(1)
     levels = [(r, g, n, d) for r in (5, 8) for g in (14, 20) for n in (4, 8) for d in (0.4, 0.7)]
