@@ -57,7 +57,9 @@ def draw_history(trials: pd.DataFrame) -> Figure:
         panel.step(part["trial"], part["best"], where="post", color="#0072B2")
         low = panel.get_ylim()[0]
         bottom = part["trial"][~part["feasible"].astype(bool)]
-        panel.plot(bottom, np.full(len(bottom), low), "x", color=GREY, markersize=4, clip_on=False)
+        if len(bottom):  # an empty artist that is not clipped upsets the layout
+            panel.plot(bottom, np.full(len(bottom), low), "x", color=GREY, markersize=4,
+                       clip_on=False)
         panel.set(title=request, xlabel="trial", ylabel="objective [°]", ylim=(low, None))
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         panel.yaxis.set_major_formatter("{x:.3g}")
