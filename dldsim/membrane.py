@@ -8,7 +8,7 @@ S and V the total area and volume, and ₀ for the rest state:
 
 - stretching k_s: k_s κ(λ) (L − L₀) along the edge, κ = (λ^½ + λ^−5⁄2)/(λ + λ⁻³); its energy is
   the integral over L
-- bending k_b: −∇ of k_b (φ − φ₀)²/2
+- bending k_b: −∇ of k_b (φ − φ₀)²/2; less in faces about to vanish, see `tense_edges`
 - local area k_α: k_α (A − A₀) m_i / Σ|m|² on vertex i; derives from no energy, see `energies`
 - global area k_ag: k_ag (S − S₀)/S₀ · A m_i / Σ|m|² on vertex i; likewise
 - volume k_v: −k_v (V − V₀)/V₀ · A n̂/3 on each vertex of a face, which sums to −∇ of
@@ -33,6 +33,8 @@ from dldsim.errors import DldsimError
 from dldsim.finite_element import add_neo_hookean_forces, add_skalak_forces, in_plane_energy
 
 ARCTAN_TERMS = 18
+VANISHING = 0.1
+"""Part of an equilateral triangle's area over an edge at rest, below which bending is let go."""
 
 
 class Moduli(NamedTuple):
@@ -78,6 +80,7 @@ class Scratch(NamedTuple):
     - sides: x, y, z (F) of the side opposite to a face's first vertex, then second, then third
     - normals: x, y, z (F) of the outward normal times the area; areas (F)
     - directions: x, y, z (E) from first to second vertex; lengths (E), angles (E): φ
+- smaller (E): squared area of the smaller face of an edge
     - pulls, twists (E): see `tense_edges`
     - corners: x, y, z (3 F + 1) of the force of a face on its vertices, the last one zero
     """
@@ -93,6 +96,7 @@ class Scratch(NamedTuple):
     directions: tuple[np.ndarray, ...]
     lengths: np.ndarray
     angles: np.ndarray
+    smaller: np.ndarray
     pulls: np.ndarray
     twists: np.ndarray
     corners: tuple[np.ndarray, ...]
@@ -147,7 +151,7 @@ def make_scratch(membrane: Membrane | mesh.Topology) -> Scratch:
     return Scratch(
         columns(3 * faces), columns(3 * edges), columns(membrane.edge_faces),
         columns(membrane.face_edges), vertex_corner, zeros(9, f), zeros(3, f),
-        *zeros(1, f), zeros(3, e), *zeros(4, e), zeros(3, 3 * f + 1),
+        *zeros(1, f), zeros(3, e), *zeros(5, e), zeros(3, 3 * f + 1),
     )  # fmt: skip
 
 
@@ -234,7 +238,7 @@ def measure_faces(x, scratch):
 
 @restrict
 def measure_edges(x, scratch):
-    """Fill directions, lengths and angles (E) in [−π, π], from the normals in scratch.
+    """Fill directions, lengths, angles (E) in [−π, π] and smaller, from the normals in scratch.
 
     The angle is atan2 in a form that vectorises: tan φ/4, for an angle beyond π/2 that of its
     supplement, by halving twice, then the series of the inverse tangent, good to rounding for
@@ -242,7 +246,7 @@ def measure_edges(x, scratch):
     """
     nx, ny, nz = scratch.normals
     dx, dy, dz = scratch.directions
-    lengths, angles = scratch.lengths, scratch.angles
+    lengths, angles, smaller = scratch.lengths, scratch.angles, scratch.smaller
     first, second = scratch.edge_vertex
     right, left = scratch.edge_face
     x = x.reshape(x.size)
@@ -261,6 +265,7 @@ def measure_edges(x, scratch):
         for k in range(ARCTAN_TERMS - 1, -1, -1):
             series = 1 / (2 * k + 1) - u * series
         angle = 4 * t * series
+        smaller[e] = min(px * px + py * py + pz * pz, qx * qx + qy * qy + qz * qz)
         dx[e], dy[e], dz[e] = ux, uy, uz
         lengths[e] = length
         angles[e] = angle if cosine > 0 else copysign(pi, sine) - angle
@@ -272,8 +277,14 @@ def tense_edges(v, membrane, moduli, scratch):
     as a factor of the edge's direction, and k_b (φ − φ₀)/L.
 
     κ of an edge in terms of L and L₀: √(L L₀) (L³ + L₀³)/(L⁴ + L₀⁴).
+
+    The force of bending on the vertex of a face is inverse to its height, which in a sharp fold may
+    pass through zero; no time step resolves that. Both faces of an edge are therefore relieved as
+    the area of the smaller, squared, once that is VANISHING of what it should be. What they bear
+    stays free of net force and torque.
     """
-    rest, flat = membrane.rest_lengths, membrane.rest_angles
+    rest, flat, smaller = membrane.rest_lengths, membrane.rest_angles, scratch.smaller
+    floor = (VANISHING * sqrt(3) / 4) ** 2
     dx, dy, dz = scratch.directions
     lengths, angles, pulls, twists = scratch.lengths, scratch.angles, scratch.pulls, scratch.twists
     ks, kvisc, kb = 0.5 * moduli.ks, 0.5 * moduli.kvisc, moduli.kb
@@ -289,7 +300,8 @@ def tense_edges(v, membrane, moduli, scratch):
         inverse = 1 / (sum4 * now * now)
         pull = ks * sqrt(now * r) * (now3 + r3) * (now - r) * now
         pulls[e] = (pull + kvisc * along * sum4) * inverse
-        twists[e] = kb * (angles[e] - flat[e]) * (sum4 * now * inverse)
+        relief = min(1.0, smaller[e] / (floor * r3 * r))
+        twists[e] = kb * (angles[e] - flat[e]) * relief * (sum4 * now * inverse)
 
 
 @restrict

@@ -161,6 +161,22 @@ def test_forces_turn_and_travel_with_the_membrane(term):
     np.testing.assert_allclose(moved, force @ turn.T, rtol=0, atol=1e-12 * np.abs(force).max())
 
 
+@pytest.mark.parametrize("height", [1e-2, 1e-4, 1e-8, -1e-4])
+def test_bending_of_a_vanishing_face_is_bounded(height):
+    """A vertex that crosses the opposite side turns the face over within one step."""
+    x, faces = mesh.make_shape("sphere", 1.0, 2)
+    membrane = mb.make_membrane(x, faces)
+    a, b, c = faces[0]
+    middle, inwards = (x[b] + x[c]) / 2, x[a] - (x[b] + x[c]) / 2
+    side = np.linalg.norm(x[c] - x[b])
+    x[a] = middle + height * inwards
+    force = forces(x, np.zeros_like(x), membrane, only("kb"))
+    # At most six faces of at least the height that is let go pull at a vertex, by angles up to 2π.
+    assert np.abs(force).max() < 6 * 2 * np.pi / (mb.VANISHING * np.sqrt(3) / 2 * side)
+    np.testing.assert_allclose(force.sum(axis=0), 0, atol=1e-12)
+    np.testing.assert_allclose(np.cross(x, force).sum(axis=0), 0, atol=1e-12)
+
+
 def test_energies_do_not_change_under_rigid_motion():
     rng = np.random.default_rng(6)
     _, membrane, x, _ = random_state(6)
