@@ -5,7 +5,7 @@ VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
 
-.PHONY: campaign test schema clean
+.PHONY: campaign test schema data clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -16,6 +16,9 @@ test: $(VENV)/installed-dev
 
 schema: $(VENV)/installed
 	$(BIN)/python -m dldsim.config workflow/schemas/config.schema.json
+
+data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
+	$(BIN)/python -m dldsim.design_jobs results
 
 clean:
 	rm -rf $(VENV)

@@ -214,7 +214,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if safety is None:
         safety = _safety_distance(config)
     known = design_jobs.read_campaign(
-        args.results or _campaign_data(), Device() if config is None else config.device, safety
+        args.results or design_jobs.packaged_campaign(), Device() if config is None else config.device, safety
     )
     resolved = design_jobs.by_deformation_index(request, known.tables["calibration"])
     seed = campaign.derive_seed(args.seed, f"design/{request.name}")
@@ -292,17 +292,6 @@ def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 
 # ------------------------------------------------------------------------------------------- input
-
-CAMPAIGN_DATA = Path(__file__).parent / "data" / "campaign"
-"""Tables of the campaign that comes with the package."""
-
-
-def _campaign_data() -> Path:
-    if not CAMPAIGN_DATA.exists():
-        raise DldsimError("No campaign comes with this installation. Name the folder of a finished "
-                          "one with --results, such as results/.")
-    return CAMPAIGN_DATA
-
 
 def _campaign(path: Path | None) -> Config | None:
     """The configuration file, by default ./config.yaml; None if there is none."""

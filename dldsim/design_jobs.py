@@ -18,12 +18,13 @@ from dldsim.config import (
     Numerics,
     RunControl,
     Stiffness,
+    Sweep,
     Verification,
 )
 from dldsim.design import Chip, Found, Resistance, regret, search
 from dldsim.errors import DldsimError
 from dldsim.jobs import Progress, provenance
-from dldsim.tables import COLUMNS, describe, read_many, read_table, write_csv, write_table
+from dldsim.tables import COLUMNS, atomic_path, describe, read_many, read_table, write_csv, write_table
 from dldsim.verification import (
     Outcome,
     Scene,
@@ -39,6 +40,11 @@ SEARCH = (
     "designs", "design_trials", "design_tolerances", "design_importance", "design_slices",
 )  # fmt: skip
 """Kinds of tables of a search, in the order of `Found`."""
+
+
+CAMPAIGN_DATA = Path(__file__).parent / "data" / "campaign"
+"""Tables and surrogate of the campaign that comes with the package."""
+KEPT = ("runs", "calibration", "flows")
 
 
 def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | None) -> DesignRequest:
@@ -216,6 +222,29 @@ def read_campaign(directory: Path, device: Device, safety_distance_um: float) ->
     return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
 
 
+def packaged_campaign() -> Path:
+    """Folder of the campaign that comes with the package; DldsimError if none does."""
+    if not CAMPAIGN_DATA.exists():
+        raise DldsimError("No campaign comes with this installation. Name the folder of a finished "
+                          "one with --results, such as results/.")
+    return CAMPAIGN_DATA
+
+
+def keep_campaign(results: Path, directory: Path = CAMPAIGN_DATA) -> None:
+    """Make the tables and the surrogate of a results folder those that come with the package.
+
+    Raises DldsimError like `read_campaign`, and without flows, from which pressures follow.
+    """
+    read_campaign(results, Device(), Sweep.model_fields["safety_distance_um"].default)
+    for kind in KEPT:
+        path = Path(results) / f"{kind}.parquet"
+        about = describe(path)["provenance"]
+        write_table(kind, read_table(kind, path), Path(directory) / path.name, about)
+    for name in ("surrogate.json", "surrogate_card.json"):
+        with atomic_path(Path(directory) / name) as part:
+            part.write_bytes((Path(results) / name).read_bytes())
+
+
 def check_model(model: surrogate.Surrogate, runs: pd.DataFrame, place: Path) -> None:
     """Refuse a surrogate that was learnt from other runs. Raises DldsimError."""
     if surrogate._data_hash(surrogate.learnable(runs)) != model.card["data"]["sha256"]:
@@ -279,3 +308,9 @@ def write_tables(found: Found, outcome: Outcome | None, directory: Path, about: 
 
 def _empty(kind: str) -> dict:
     return {column.name: [] for column in COLUMNS[kind]}
+
+
+if __name__ == "__main__":
+    import sys
+
+    keep_campaign(Path(sys.argv[1]))

@@ -147,9 +147,21 @@ def test_without_flows_there_is_no_pressure_drop(capsys, campaign, tmp_path):
 
 
 def test_without_a_campaign_the_remedy_is_told(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("dldsim.cli.CAMPAIGN_DATA", tmp_path / "none")
+    monkeypatch.setattr("dldsim.design_jobs.CAMPAIGN_DATA", tmp_path / "none")
     code, _, message = call(capsys, "design", *ASK)
     assert code == 2 and "--results" in message
+
+
+def test_a_kept_campaign_answers_like_its_results(campaign, tmp_path):
+    kept = tmp_path / "kept"
+    design_jobs.keep_campaign(campaign, kept)
+    first, second = (design_jobs.read_campaign(place, Device(), 2.0) for place in (campaign, kept))
+    assert first.settings == second.settings and first.model.card == second.model.card
+    for kind, table in first.tables.items():
+        assert table.equals(second.tables[kind])
+    (kept / "flows.parquet").unlink()
+    with pytest.raises(DldsimError, match=r"flows\.parquet"):
+        design_jobs.keep_campaign(kept, tmp_path / "again")
 
 
 def test_settings_are_those_of_the_runs(campaign):
