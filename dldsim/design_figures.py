@@ -167,7 +167,7 @@ def draw_rounds(verifications: pd.DataFrame) -> Figure:
             for _, row in part.iterrows()], fontsize=7)
         panel.grid(axis="x", visible=False)
         panel.set(title=request, ylabel="angle 2 − angle 1 [°]",
-                  xlabel="$N_p$, $P_g$ and $P_r$ [µm] of the arrays, by round")
+                  xlabel="$N_p$, $P_g$, $P_r$ [µm], by round")
     legend(figure, [
         *(key(ROLE_COLOUR[r], ROLE_MARKER[r], label=ROLE_NAME[r]) for r in ROLE_COLOUR),
         key(GREY, "o", filled=False, label="prediction missed"),
