@@ -15,7 +15,7 @@ from dldsim.errors import DldsimError
 from dldsim.flow import Fluid, advance_to_steady
 from dldsim.lattice import Lattice, make_lattice, viscosity
 from dldsim.simulation import REMEDY, Progress, Record
-from dldsim.stability import bottleneck, margins, refined, refinement
+from dldsim.stability import again_if_unstable, bottleneck, margins, refined, refinement
 from dldsim.units import Units
 
 SAMPLES_PER_THROAT = 40
@@ -107,6 +107,16 @@ def simulate_constriction(
     its rim at the taper; ``release_position_um`` is counted backwards from there. A cell that clogs
     or a run that leaves its stable range is a result with a status.
     """
+    def attempt(shorter: float) -> ConstrictionResult:
+        return _simulate(group_name, group, channel, cell, flow, numerics, release_position_um,
+                         run_id, progress, shorter)
+
+    return again_if_unstable(attempt, numerics, progress)
+
+
+def _simulate(group_name, group, channel, cell, flow, numerics, release_position_um, run_id,
+              progress, shorter) -> ConstrictionResult:
+    """One attempt; ``shorter``: time step asked of it over that which is used."""
     scene_channel = make_channel(channel, numerics)
     narrowing = scene_channel.width / scene_channel.throat_width
     throat_velocity = group.velocity_mm_s * narrowing
@@ -129,9 +139,9 @@ def simulate_constriction(
 
     trial = make_scene(numerics)
     trial.place(np.array([0.0, scene_channel.centre, scene_channel.height / 2]))
-    factor = refinement(margins(trial), numerics)
+    factor = refinement(margins(trial), numerics) * shorter
     numerics = refined(numerics, factor)
-    if factor > 1 and progress:
+    if factor > 1 and progress and shorter == 1:
         progress(f"time step shortened by {factor:.3g}: {bottleneck(margins(trial))}")
     mobility = _steady_start(fluid, scene_channel, numerics.velocity_lu * box_share, progress)
     scene = make_scene(numerics, mobility)

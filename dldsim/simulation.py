@@ -13,7 +13,15 @@ from dldsim.config import CELL_NUMERICS, Cell, Flow, Geometry, Numerics, RunCont
 from dldsim.errors import DldsimError
 from dldsim.flow import EmptyFlow, Fluid, solve_empty_array
 from dldsim.geometry import ArrayLattice, make_array
-from dldsim.stability import bottleneck, describe, incurable, margins, refined, refinement
+from dldsim.stability import (
+    again_if_unstable,
+    bottleneck,
+    describe,
+    incurable,
+    margins,
+    refined,
+    refinement,
+)
 from dldsim.trajectory import Migration, analyse_path, row_crossings
 from dldsim.units import Units
 
@@ -106,10 +114,21 @@ def simulate_run(
 ) -> RunResult:
     """Carry one cell through the array until its motion repeats or ``control.max_rows`` are done.
 
-    ``observe`` is called after every sample that is recorded, with the scene as it is then.
+    ``observe`` is called after every sample that is recorded, with the scene as it is then, and
+    with another record where the run began anew with a shorter time step.
     A cell that clogs or a run that leaves its stable range is a result with a status. Raises
     DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
     """
+    def attempt(shorter: float) -> RunResult:
+        return _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, stiffness_set,
+                         empty_flow, observe, progress, shorter)
+
+    return again_if_unstable(attempt, numerics, progress)
+
+
+def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, stiffness_set,
+              empty_flow, observe, progress, shorter) -> RunResult:
+    """One attempt; ``shorter``: time step asked of it over that which is used."""
     start = time.perf_counter()
     if flow.height_um == 0:
         raise DldsimError("height_um = 0 is the two-dimensional limit of the empty flow; a cell "
@@ -120,7 +139,7 @@ def simulate_run(
     array = make_array(geometry, flow, numerics)
     scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
     asked = margins(scene)
-    factor = refinement(asked, numerics)
+    factor = refinement(asked, numerics) * shorter
     if factor > 1:
         numerics = refined(numerics, factor)
         if numerics.inertia == "stokes":
@@ -128,7 +147,7 @@ def simulate_run(
         else:
             empty_flow = solve_empty_array(geometry, flow, numerics, progress)
         scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
-        if progress:
+        if progress and shorter == 1:
             progress(f"time step shortened by {factor:.3g}: {bottleneck(asked)}")
     if progress:
         for sentence in incurable(scene):
@@ -143,6 +162,7 @@ def simulate_run(
     reporter = Reporter(progress, control.max_rows, array, scene)
     status = reason = None
     sample = scene.sample()
+
     def keep() -> None:
         record.add(sample, scene.energies())
         path.add(sample)
@@ -221,6 +241,7 @@ def simulate_run(
                 "release_axis": cell.axis,
                 "release_gap_fraction": cell.release_gap_fraction,
                 **describe(asked, factor),
+                "begun_anew": shorter > 1,
                 "incurable": incurable(scene),
                 "inverted_faces_max": float(record.column("inverted").max()),
                 "start_up_s": round(loop - start, 3),

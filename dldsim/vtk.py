@@ -89,7 +89,8 @@ def simulate_with_shapes(
     points, faces, records = [], [], []
 
     def observe(scene, record) -> None:
-        if not records:
+        if not records or records[-1] is not record:  # the run may begin anew
+            points.clear()
             records.append(record)
             faces.append(np.array(scene.membrane.faces, dtype=np.int32))
         if (len(record.samples) - 1) % every == 0:
@@ -104,7 +105,7 @@ def simulate_with_shapes(
     shapes = Shapes(
         geometry, json.loads(result.row["numerics"])["height_on_lattice_um"], cell.radius_um,
         kept["step"], kept["t_ms"], np.column_stack([kept[f"{axis}_um"] for axis in "xyz"]),
-        np.stack(points), faces[0],
+        np.stack(points), faces[-1],
     )  # fmt: skip
     return result, shapes
 

@@ -1,5 +1,7 @@
 """What the explicit step bears, predicted before a run."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from dldsim.coupling import interpolate, locate, spread
 from dldsim.flow import Fluid, solve_empty_array
 from dldsim.lattice import make_lattice
 from dldsim.membrane import elastic_forces
+from dldsim.stability import again_if_unstable
 from dldsim.units import Units
 
 SET_5 = Stiffness(
@@ -124,3 +127,19 @@ def test_what_no_time_step_cures_is_said(change, words):
     found = stability.incurable(make_scene(SET_5.model_copy(update=change)))
     assert len(found) == (words is not None)
     assert words is None or words in found[0]
+
+
+@pytest.mark.parametrize(
+    ("time_step", "statuses", "factors"),
+    [("automatic", ["converged"], [1]), ("automatic", ["unstable", "stuck"], [1, 2]),
+     ("automatic", ["unstable", "unstable"], [1, 2]), ("as-given", ["unstable"], [1])],
+)  # fmt: skip
+def test_an_unstable_run_begins_anew_once(time_step, statuses, factors):
+    asked, left = [], iter(statuses)
+
+    def attempt(factor):
+        asked.append(factor)
+        return SimpleNamespace(row={"status": next(left), "stop_reason": "too fast"})
+
+    result = again_if_unstable(attempt, Numerics(time_step=time_step))
+    assert asked == factors and result.row["status"] == statuses[-1]
