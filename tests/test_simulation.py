@@ -203,6 +203,16 @@ def test_a_run_mirrored_in_height_is_the_mirror_image(coupling):
     assert (up[:, 2] > 0.1).all()
 
 
+def test_a_cell_passes_columns_that_are_on_the_surface_of_pillars():
+    # Eight columns of each pillar at 0.005 nodes from it: seen to blow up in the third row.
+    result = simulate_run(
+        Geometry(pillar_radius_um=6, gap_um=16, periodicity=4), SET_1, Cell(), Flow(),
+        Numerics(time_step="as-given"), THREE_ROWS, run_id="r", stiffness_set="1",
+    )  # fmt: skip
+    assert result.row["status"] == "period_limit"
+    assert result.row["mach_max"] < 0.2
+
+
 # ------------------------------------------------------------------ statuses and bad input
 
 
