@@ -5,7 +5,7 @@ VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
 
-.PHONY: campaign test schema data clean
+.PHONY: campaign test web bench schema data clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -13,6 +13,12 @@ campaign: $(VENV)/installed
 test: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -q
+
+web: $(VENV)/installed-web  # the page and the API that it asks, on localhost
+	$(BIN)/python -m dldsim serve both
+
+bench: $(VENV)/installed
+	$(BIN)/python -m benchmarks
 
 schema: $(VENV)/installed
 	$(BIN)/python -m dldsim.config workflow/schemas/config.schema.json
@@ -28,6 +34,10 @@ $(VENV)/installed: requirements.txt pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet -r requirements.txt -e .
+	touch $@
+
+$(VENV)/installed-web: $(VENV)/installed requirements-web.txt
+	$(BIN)/python -m pip install --quiet -r requirements-web.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt

@@ -1,6 +1,6 @@
 """Speed of every kernel of a time step, beside what this core can do.
 
-``python -m benchmarks.kernels [--json] [--precision float64] [--scene 1.25:1] [--box 96]``
+``python -m benchmarks.kernels [--json] [--precision float64] [--scene 1.25:1:2:8] [--box 96]``
 
 Times are processor time of the one thread (medians over rounds in which all parts take turns), so
 that other jobs on the machine disturb them little. Limits of the core are measured beside: a triad
@@ -32,6 +32,8 @@ STIFFNESS = Stiffness(
     kvisc_nN_s_per_m=1.5,
 )  # fmt: skip
 EXTENT = "nx", "ny", "nz"
+SCENES = ["1.25:1:2:8", "0.67:0.8:1:6"]
+"""The shipped defaults; and 42×42×30 nodes with about 2000 vertices."""
 WARM_UP = 500
 """Steps in which the cell deforms before anything is measured."""
 
@@ -120,12 +122,21 @@ def bytes_per_update(dtype) -> int:
 # ------------------------------------------------------------------ scenes
 
 
-def unit_cell(precision: str, spacing_um: float, edge: float) -> cellflow.CellInFlow:
+def parse_scene(text: str, precision: str) -> tuple[Geometry, Numerics]:
+    """spacing [µm]:edge/spacing[:rows[:N_p]], of the default array and numerics where left out."""
+    spacing, edge, *more = text.split(":")
+    rows, periodicity = [*map(int, more), *(Numerics().rows, GEOMETRY.periodicity)[len(more) :]]
+    numerics = Numerics(
+        precision=precision, spacing_um=float(spacing), edge_to_spacing=float(edge), rows=rows
+    )
+    return GEOMETRY.model_copy(update={"periodicity": periodicity}), numerics
+
+
+def unit_cell(geometry: Geometry, numerics: Numerics) -> cellflow.CellInFlow:
     """A cell in the unit cell of an array, with pillars, walls and shifted periodicity."""
-    numerics = Numerics(precision=precision, spacing_um=spacing_um, edge_to_spacing=edge)
     flow = Flow()
     scene = make_scene(
-        make_array(GEOMETRY, flow, numerics), solve_empty_array(GEOMETRY, flow, numerics),
+        make_array(geometry, flow, numerics), solve_empty_array(geometry, flow, numerics),
         STIFFNESS, Cell(), flow, numerics,
     )  # fmt: skip
     scene.advance(WARM_UP)
@@ -181,20 +192,26 @@ def cell_parts(scene: cellflow.CellInFlow) -> dict[str, Callable[[int], None]]:
     }
 
 
-def measure_cell(precision: str, spacing_um: float, edge: float, rounds: int) -> dict:
-    """Times [µs] of the parts of a step, and of the step as a whole, in one unit cell."""
-    scene = unit_cell(precision, spacing_um, edge)
+def without_cell(scene: cellflow.CellInFlow) -> Fluid:
+    """The fluid of a scene once more, by itself."""
     fluid = scene.fluid
     alone = Fluid(
         fluid.lattice, fluid.relaxation_time, fluid.collision, fluid.inertia, fluid.dtype
     )  # fmt: skip
     alone.f[:] = fluid.f
     alone.set_body_force(fluid.body_force)
+    return alone
+
+
+def measure_cell(geometry: Geometry, numerics: Numerics, rounds: int) -> dict:
+    """Times [µs] of the parts of a step, and of the step as a whole, in one unit cell."""
+    scene = unit_cell(geometry, numerics)
+    fluid, alone = scene.fluid, without_cell(scene)
     parts = {"step": scene.advance, "fluid": alone.advance, **cell_parts(scene)}
     times = {name: 1e6 * t for name, t in median_times(parts, rounds).items()}
     return {
         "scene": "unit cell {}×{}×{}".format(*(getattr(fluid.lattice, n) for n in EXTENT)),
-        "precision": precision,
+        "precision": numerics.precision,
         "nodes": fluid.lattice.nodes,
         "vertices": scene.vertices,
         "us": times,
@@ -261,14 +278,14 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON list instead of a table")
     parser.add_argument("--precision", nargs="+", default=["float32", "float64"])
     parser.add_argument(
-        "--scene", nargs="*", default=["1.25:1", "0.67:0.75"],
-        help="unit cells, each as lattice spacing [µm]:membrane edge over spacing",
+        "--scene", nargs="*", default=SCENES,
+        help="unit cells, each as lattice spacing [µm]:membrane edge over spacing[:rows[:N_p]]",
     )  # fmt: skip
     parser.add_argument("--box", nargs="*", type=int, default=[96], help="cubes' edges in nodes")
     parser.add_argument("--rounds", type=int, default=15)
     given = parser.parse_args()
     results = [
-        measure_cell(precision, *map(float, scene.split(":")), given.rounds)
+        measure_cell(*parse_scene(scene, precision), given.rounds)
         for precision in given.precision
         for scene in given.scene
     ]

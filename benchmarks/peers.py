@@ -77,6 +77,31 @@ def compare(cells: tuple[int, int, int], precision: str, ours: Fluid, name: str,
     }
 
 
+def measure(precisions, boxes, rounds: int) -> list[dict]:
+    """The default unit cell, an empty box of its extent, and cubes."""
+    results = []
+    for precision in precisions:
+        numerics = Numerics(precision=precision)
+        array = make_array(GEOMETRY, Flow(), numerics).lattice
+        fluid = Fluid.of(array, numerics)
+        fluid.set_body_force((1e-6, 0.0, 0.0))
+        extent = (array.nx, array.ny, array.nz)
+        results.append(compare(extent, precision, fluid, "unit cell", rounds))
+        for cells in (extent, *((n, n, n) for n in boxes)):
+            name = "box " + "×".join(map(str, cells))
+            results.append(compare(cells, precision, empty_box(cells, precision), name, rounds))
+    return results
+
+
+def table(results: list[dict]) -> str:
+    """The results as text."""
+    return "".join(
+        f"{r['scene']:<14} {r['precision']}: dldsim {r['mlups']['dldsim']:6.1f}, "
+        f"lbmpy {r['mlups']['lbmpy']:6.1f} MLUPS, ratio {r['ratio']:.2f}\n"
+        for r in results
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--json", action="store_true", help="one JSON list instead of a table")
@@ -84,27 +109,8 @@ def main() -> None:
     parser.add_argument("--box", nargs="*", type=int, default=[96], help="cubes' edges in nodes")
     parser.add_argument("--rounds", type=int, default=11)
     given = parser.parse_args()
-    results = []
-    for precision in given.precision:
-        numerics = Numerics(precision=precision)
-        array = make_array(GEOMETRY, Flow(), numerics).lattice
-        fluid = Fluid.of(array, numerics)
-        fluid.set_body_force((1e-6, 0.0, 0.0))
-        extent = (array.nx, array.ny, array.nz)
-        results.append(compare(extent, precision, fluid, "unit cell", given.rounds))
-        for cells in (extent, *((n, n, n) for n in given.box)):
-            name = "box " + "×".join(map(str, cells))
-            box = empty_box(cells, precision)
-            results.append(compare(cells, precision, box, name, given.rounds))
-    if given.json:
-        sys.stdout.write(json.dumps(results, indent=1) + "\n")
-        return
-    for r in results:
-        ours, theirs = r["mlups"]["dldsim"], r["mlups"]["lbmpy"]
-        sys.stdout.write(
-            f"{r['scene']:<14} {r['precision']}: dldsim {ours:6.1f}, lbmpy {theirs:6.1f} MLUPS, "
-            f"ratio {r['ratio']:.2f}\n"
-        )
+    results = measure(given.precision, given.box, given.rounds)
+    sys.stdout.write(json.dumps(results, indent=1) + "\n" if given.json else table(results))
 
 
 if __name__ == "__main__":
