@@ -18,9 +18,9 @@ COARSER_ALLOWED = 1.1
 """The lattice spacing may exceed the wanted one by this factor to make the row shift whole."""
 ON_SURFACE = 0.015
 """Columns that are no farther from a pillar, in nodes, count as solid if links are interpolated:
-they feed staggered momentum as soon as a membrane comes near. Of runs with columns at 0.005 and 0.006
-nodes from a pillar all but one blew up, with links of at least 0.017 too; with columns at 0.017 and
-beyond none did."""
+they feed staggered momentum as soon as a membrane comes near. Of runs with columns at 0.005 and
+0.006 nodes from a pillar nearly all blew up, with links of at least 0.017 too; with columns at
+0.017 and beyond none did."""
 
 
 @dataclass(frozen=True)
