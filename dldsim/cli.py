@@ -1,4 +1,4 @@
-"""Commands for one-off use: run, flow, constrict, anova, stiffness, design, validate, info.
+"""Commands for one-off use: run, flow, constrict, anova, stiffness, design, validate, info, serve.
 
 Summaries go to standard output, as text or as one JSON object; all else goes to standard error.
 Keys of the summaries are the tables' column names.
@@ -47,6 +47,7 @@ EXAMPLES = {
               "--objective robust",
     "validate": "python -m dldsim validate square-arrays membrane-forces --out validation.parquet",
     "info": "python -m dldsim info results/runs.parquet",
+    "serve": "python -m dldsim serve both --results results",
 }
 UNITS = {
     "_um": "µm", "_mm_s": "mm/s", "_mPa_s": "mPa·s", "_nN_s_per_m": "nN·s/m", "_pg": "pg",
@@ -204,9 +205,7 @@ def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Geometries that separate two cell types best."""
-    from dldsim import campaign, design_jobs
-    from dldsim.design import search
-    from dldsim.jobs import provenance
+    from dldsim import design_jobs
 
     request = validate(DesignRequest, _given(DesignRequest, args) | {"name": args.request_name})
     config = _campaign(args.config)
@@ -214,26 +213,23 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if safety is None:
         safety = _safety_distance(config)
     known = design_jobs.read_campaign(
-        args.results or design_jobs.packaged_campaign(), Device() if config is None else config.device, safety
+        args.results or design_jobs.packaged_campaign(),
+        Device() if config is None else config.device, safety,
     )
-    resolved = design_jobs.by_deformation_index(request, known.tables["calibration"])
-    seed = campaign.derive_seed(args.seed, f"design/{request.name}")
-    found = search(known.model, resolved, known.chip, seed)
-    outcome, output, files = None, args.output, []
     budget = Verification() if config is None else config.verification
-    settings = {**known.settings, "seed": args.seed, "verification": budget.model_dump(),
-                "design_requests": [request.model_dump()]}
+    made = design_jobs.make_designs(request, known, args.seed, budget)
+    resolved, found, outcome, output, files = made.resolved, made.found, None, args.output, []
     if args.verify:
         output = output or Path(f"design-{request.name}")
         with _progress() as progress:
             outcome = design_jobs.verify_request(
-                request, settings, known.chip, known.model, known.tables, work=output / "runs",
-                files=output / "files", progress=progress,
+                request, made.settings, known.chip, known.model, known.tables,
+                work=output / "runs", files=output / "files", progress=progress,
             )
         files += sorted(map(str, (output / "files").iterdir()))
     if output is not None:
-        about = provenance(settings, args.seed)
-        files = [str(p) for p in design_jobs.write_tables(found, outcome, output, about)] + files
+        written = design_jobs.write_designs(made, known, output, outcome)
+        files = list(dict.fromkeys([*map(str, written), *files]))
     summary = {
         "request": resolved.model_dump(), "designs": _records(found.designs),
         "tolerances": _records(found.tolerances), "importance": _records(found.importance),
@@ -289,6 +285,21 @@ def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         for c in about["columns"]
     ]
     return about, lines
+
+
+def serve(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
+    """The design service, until it is interrupted."""
+    from dldsim.web import serve as parts
+    from dldsim.web.api.settings import Settings
+
+    settings = Settings.read(_given(Settings, args))
+    if args.part == "api":
+        parts.serve_api(settings)
+        return {}, [], 0
+    if args.part == "ui":
+        return {}, [], parts.serve_page(settings.host, args.page_port, args.api)
+    with _progress() as progress:
+        return {}, [], parts.serve_both(settings, args.page_port, progress)
 
 
 # ------------------------------------------------------------------------------------------- input
@@ -671,7 +682,8 @@ def _parser() -> argparse.ArgumentParser:
     wanted.add_argument("--verify", action="store_true",
                         help="simulate both cell types in the best designs (minutes)")
     wanted.add_argument("--output", type=Path, metavar="DIR",
-                        help="write tables there, and with --verify the designs' files; default "
+                        help="write tables, the candidates' files (mask, data) and a report "
+                             "there, and with --verify those of the simulated designs; default "
                              "with --verify: design-NAME")
     wanted.add_argument("--request-name", default="request", metavar="NAME",
                         help="name of files; default %(default)s")
@@ -682,6 +694,28 @@ def _parser() -> argparse.ArgumentParser:
     cases.add_argument("--list", action="store_true", help="list the cases and run none")
     cases.add_argument("--out", type=Path, metavar="FILE.parquet",
                        help="write the comparisons there, with a CSV twin")
+
+    service = _command(commands, "serve", serve, "the design service: API, page, or both")
+    service.add_argument("part", choices=["api", "ui", "both"])
+    service.add_argument("--results", type=Path, metavar="DIR",
+                         help="campaign that answers come from; default: the one that comes with "
+                              "the package")
+    service.add_argument("--config", type=Path, metavar="FILE",
+                         help="configuration for device, safety distance and verification; "
+                              "default: ./config.yaml if present, else defaults")
+    service.add_argument("--state", type=Path, metavar="DIR",
+                         help="folder of queue and results; default: dldsim-web in "
+                              "~/.local/state")
+    service.add_argument("--host", metavar="ADDRESS", help="default 127.0.0.1")
+    service.add_argument("--port", type=int, metavar="N", help="of the API; default 8000")
+    service.add_argument("--page-port", type=int, default=8501, metavar="N",
+                         help="default %(default)s")
+    service.add_argument("--api", default="http://127.0.0.1:8000", metavar="URL",
+                         help="API that a page alone asks; default %(default)s")
+    service.add_argument("--workers", type=int, metavar="N",
+                         help="processes that search; default 1")
+    service.add_argument("--verify-workers", type=int, metavar="N",
+                         help="processes that simulate; default 1")
 
     about = _command(commands, "info", info, "columns, units and provenance of a table")
     about.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")

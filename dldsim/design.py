@@ -5,7 +5,7 @@ Nothing here is simulated: a candidate is the surrogate's prediction, with the s
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from math import hypot, sqrt
 from time import perf_counter
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import optuna
 
 GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
+Each = Callable[[Mapping[str, Any]], None]
+"""Told of every trial of a search as soon as it is done; what it raises ends the search."""
 TOLERANCE_STEPS = 5
 """Values of P_r and of P_g across the tolerance, ends and middle included."""
 EXCEEDED_BY = 0.9
@@ -272,7 +274,8 @@ def violations(request: DesignRequest, chip: Chip, pillar_radius_um, gap_um) -> 
     }
 
 
-def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) -> Found:
+def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int,
+           each: Each | None = None) -> Found:
     """Ranked candidates and all trials of one request.
 
     Maximised is the request's objective over continuous P_r and P_g (to 10 nm) and whole N_p, by
@@ -289,6 +292,9 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) 
     errors. Candidates whose values differ by less than their combined σ_num share a rank. Where
     σ_num is not known it is null, and the order is that of the predictions alone.
 
+    ``each`` is told of every trial of the estimator: its row of `design_trials`, `outside` and
+    `time_s`. A grid has no trials in turn.
+
     Raises DldsimError for a deformation index outside the training data, two equal cell types,
     no feasible geometry, or a pressure limit without a table of flows.
     """
@@ -300,7 +306,7 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) 
         import optuna
 
         study, trials = _try(task, optuna.samplers.TPESampler(
-            n_startup_trials=request.startup_trials, multivariate=True, seed=seed))
+            n_startup_trials=request.startup_trials, multivariate=True, seed=seed), each)
         importance = _importance(study)
     feasible = trials[trials["feasible"]]
     if feasible.empty:
@@ -317,7 +323,7 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) 
 
 
 def _try(
-    task: Task, sampler: "optuna.samplers.BaseSampler"
+    task: Task, sampler: "optuna.samplers.BaseSampler", each: Each | None = None
 ) -> tuple["optuna.Study", pd.DataFrame]:
     """The request's trials as a sampler chooses them.
 
@@ -352,6 +358,8 @@ def _try(
             "feasible": not broken, "reason": "; ".join(broken), "outside": outside,
             "time_s": perf_counter() - start,
         })
+        if each is not None:
+            each(rows[-1])
         if broken:
             raise optuna.TrialPruned
         return values["value"]

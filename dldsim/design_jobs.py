@@ -1,7 +1,7 @@
 """Jobs and commands that make designs: tables and requests in, tables and files out."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,10 +21,21 @@ from dldsim.config import (
     Sweep,
     Verification,
 )
-from dldsim.design import Chip, Found, Resistance, regret, search
+from dldsim.design import Chip, Each, Found, Resistance, regret, search
 from dldsim.errors import DldsimError
+from dldsim.export import export_design
 from dldsim.jobs import Progress, provenance
-from dldsim.tables import COLUMNS, atomic_path, describe, read_many, read_table, write_csv, write_table
+from dldsim.regressors import INPUTS
+from dldsim.tables import (
+    COLUMNS,
+    atomic_path,
+    describe,
+    read_many,
+    read_table,
+    write_csv,
+    write_table,
+)
+from dldsim.trajectory import mode_of
 from dldsim.verification import (
     Outcome,
     Scene,
@@ -216,10 +227,71 @@ def read_campaign(directory: Path, device: Device, safety_distance_um: float) ->
     model = surrogate.load(directory / "surrogate.json", directory / "surrogate_card.json")
     check_model(model, tables["runs"], directory)
     about = describe(directory / "runs.parquet")["provenance"]["settings"]
+    return make_campaign(tables, model, about.get("run_control"), device, safety_distance_um)
+
+
+def make_campaign(
+    tables: dict[str, pd.DataFrame], model: surrogate.Surrogate, run_control: Mapping | None,
+    device: Device, safety_distance_um: float,
+) -> Campaign:
+    """A campaign of tables in memory: `runs`, and `calibration` and `flows` if there are any.
+
+    Raises DldsimError for runs of several conditions.
+    """
     settings = settings_of_runs(tables["runs"], tables.get("flows"))
-    settings["run_control"] = about.get("run_control", RunControl().model_dump())
+    settings["run_control"] = dict(run_control or RunControl().model_dump())
     settings |= {"device": device.model_dump(), "safety_distance_um": safety_distance_um}
     return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
+
+
+MEASURED = "measured"
+"""Status of a row that was measured on a fabricated device."""
+
+
+def with_measurements(
+    runs: pd.DataFrame, measurements: Sequence[Mapping[str, Any]], *, height_um: float,
+    mean_velocity_mm_s: float,
+) -> pd.DataFrame:
+    """The table of runs with measured angles below, to be learnt from like runs.
+
+    A measurement has the keys of INPUTS and `migration_angle_deg`; of a measured row all other
+    columns but the conditions are null. A measured array counts as an array of its own in the
+    surrogate's intervals if its size differs from those simulated.
+
+    Raises DldsimError for another height or velocity than the runs', which the surrogate does not
+    know, and for angles that no array of that periodicity can cause.
+    """
+    conditions_ = {"height_um": height_um, "mean_velocity_mm_s": mean_velocity_mm_s}
+    for name, value in conditions_.items():
+        known = runs[name].unique()
+        if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
+            raise DldsimError(
+                f"Measurements: {name} = {value:g}, the runs have "
+                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: measure "
+                "there, or simulate a campaign at this value."
+            )
+    rows = []
+    for i, given in enumerate(measurements, start=1):
+        bump = float(np.degrees(np.arctan(1 / given["periodicity"])))
+        angle = given["migration_angle_deg"]
+        if not -bump / 2 <= angle <= 1.5 * bump:
+            raise DldsimError(
+                f"Measurement {i}: migration_angle_deg = {angle:g} with periodicity "
+                f"{given['periodicity']}: allowed {-bump / 2:.3g} to {1.5 * bump:.3g}. Full bump "
+                f"motion has {bump:.3g}°; look at the sign, the unit and the row shift."
+            )
+        rows.append({
+            **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},
+            "run_id": f"measured-{i:04d}", "stiffness_set": MEASURED, "status": MEASURED,
+            "stop_reason": "", "mode": mode_of(angle, 1 / given["periodicity"]),
+            "pitch_um": 2 * given["pillar_radius_um"] + given["gap_um"],
+            "row_shift_fraction": 1 / given["periodicity"], "bump_angle_deg": bump,
+            "cell_shape": runs["cell_shape"].iloc[0], **{n: runs[n].iloc[0] for n in conditions_},
+            "sigma_num_basis": "measured",
+        })  # fmt: skip
+    return pd.concat([runs, pd.DataFrame(rows, columns=runs.columns).astype(
+        {name: kind for name, kind in runs.dtypes.items() if kind.kind == "f"})],
+        ignore_index=True)  # fmt: skip
 
 
 def packaged_campaign() -> Path:
@@ -288,6 +360,61 @@ def settings_of_runs(runs: pd.DataFrame, flows: pd.DataFrame | None = None) -> d
         "stiffness_sets": {str(k): {n: float(v) for n, v in row.items()}
                            for k, row in sets.iterrows()},
     }  # fmt: skip
+
+
+class Made(NamedTuple):
+    """The answer to one request: as asked, by deformation indices, settings and tables."""
+
+    request: DesignRequest
+    resolved: DesignRequest
+    settings: dict[str, Any]
+    found: Found
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """Provenance of everything that is written of it."""
+        return provenance(self.settings, self.settings["seed"])
+
+
+def make_designs(
+    request: DesignRequest, known: Campaign, seed: int, budget: Verification,
+    each: Each | None = None,
+) -> Made:
+    """Search for one request; ``budget`` is that of a verification later, ``each`` as in `search`.
+
+    Raises DldsimError as `search` does.
+    """
+    resolved = by_deformation_index(request, known.tables.get("calibration"))
+    found = search(known.model, resolved, known.chip,
+                   campaign.derive_seed(seed, f"design/{request.name}"), each)
+    settings = {
+        **known.settings, "seed": seed, "verification": budget.model_dump(),
+        "design_requests": [request.model_dump()],
+        "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry", "versions")},
+    }
+    return Made(request, resolved, settings, found)
+
+
+def write_designs(made: Made, known: Campaign, directory: Path, outcome: Outcome | None = None
+                  ) -> list[Path]:
+    """Tables with CSV twins, `files/NAME-candidate-K.*` of every candidate, and `report.html`.
+
+    Of the first candidate's mask there is a picture, too.
+    ``outcome``: of `verify_request`, which writes the files of the simulated designs itself.
+    Returns what was written, CSV twins left out.
+    """
+    directory = Path(directory)
+    written = write_tables(made.found, outcome, directory, made.about)
+    for _, design in made.found.designs.iterrows():
+        name = f"{made.request.name}-candidate-{design['design']}"
+        files = export_design(name, design.to_dict(), made.resolved, known.chip.device,
+                              directory / "files", about=made.about, card=known.model.card,
+                              picture=design["design"] == 1)
+        written += files.values()
+    from dldsim.design_report import write_report
+
+    write_report(directory, directory / "report.html")
+    return [*written, directory / "report.html"]
 
 
 def write_tables(found: Found, outcome: Outcome | None, directory: Path, about: Mapping[str, Any]

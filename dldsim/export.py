@@ -55,13 +55,15 @@ def export_design(
     about: Mapping[str, Any],
     card: Mapping[str, Any] | None = None,
     verified: Sequence[Verified] | None = None,
+    picture: bool = True,
 ) -> dict[str, Path]:
     """Write all files of one design, ``name`` plus the endings in FILES; returns those written.
 
     ``design`` is a row of `designs`, ``about`` its provenance (config hash, seed, …), ``card`` the
     surrogate's model card. With ``verified``, the runs of both cell types, the mask shows their
     simulated angles in place of predicted ones, and there are time series, picture and animation;
-    without, files of an earlier verification are deleted. Files are whole or not there.
+    without, files of an earlier verification are deleted. ``picture``: of the mask, the slowest
+    part. Files are whole or not there.
 
     Raises DldsimError if a run belongs to another array, or if the device is too small.
     """
@@ -74,7 +76,10 @@ def export_design(
     paths = {kind: directory / f"{name}{ending}" for kind, ending in FILES.items()}
     write_gds(layout, paths["gds"])
     write_dxf(layout, paths["dxf"])
-    _write_figure(draw_mask(paths["gds"], device), paths["mask_picture"])
+    if picture:
+        _write_figure(draw_mask(paths["gds"], device), paths["mask_picture"])
+    else:
+        paths.pop("mask_picture").unlink(missing_ok=True)
     if verified:
         _write_passage(layout, verified, about, paths)
     else:

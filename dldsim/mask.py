@@ -429,6 +429,10 @@ def write_dxf(layout: Layout, path: Path) -> None:
     for t in layout.texts:
         text = space.add_text(t.text, height=t.height, dxfattribs={"layer": t.layer.upper()})
         text.set_placement(t.place)
+    # saving would list the classes of entities in an order that differs between processes
+    classes = document.classes
+    classes.add_required_classes(document.dxfversion)
+    classes.classes = dict(sorted(classes.classes.items()))
     with atomic_path(path) as part:
         document.saveas(part)
 

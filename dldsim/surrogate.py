@@ -282,7 +282,8 @@ def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
         "settings": {"penalty": model.penalty, "trees": model.trees, "depth": model.depth},
         "data": {
             "sha256": _data_hash(data), "runs": len(runs), "used": len(data),
-            "not_converged": int((~data["status"].isin(["converged", "periodic"])).sum()),
+            "not_converged": int(
+                (~data["status"].isin(["converged", "periodic", "measured"])).sum()),
             "geometries": int(data.groupby(GEOMETRY).ngroups),
             "conditions": {n: _plain(data[n].iloc[0]) for n in CONDITIONS if n in data},
         },

@@ -19,7 +19,7 @@ FLOORS = [
     {"statistics", "calibration", "regressors", "surrogate", "sensitivity", "design", "mask"},
     {"figures", "analysis_figures", "validation_figures", "stability_figures", "accuracy_figures",
      "design_figures", "report", "movie"},
-    {"export"},
+    {"export", "design_report"},
     {"jobs"},
     {"verification"},
     {"design_jobs"},

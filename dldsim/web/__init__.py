@@ -1,0 +1,1 @@
+"""The design service: an API over the package (`api`) and a page that is its client (`ui`)."""

@@ -1,0 +1,1 @@
+"""HTTP interface of the design chain; holds no physics and no fitting."""
