@@ -232,7 +232,8 @@ def test_finite_height_array():
 def test_columns_on_the_surface_count_as_solid():
     # Eight columns per pillar are at 0.005, 0.02 and -0.005 nodes from the surface.
     nearest = math.hypot(4.5, 2.5)
-    lattices = [make_pillars(24, 6, nearest - d, precision="float64") for d in (0.005, 0.02, -0.005)]
+    radii = [nearest - gap for gap in (0.005, 0.02, -0.005)]
+    lattices = [make_pillars(24, 6, radius, precision="float64") for radius in radii]
     means = [steady(lattice, 1.25, 14).mean_velocity()[0] for lattice in lattices]
     columns = [lattice.columns for lattice in lattices]
     assert columns[0] == columns[2] == columns[1] - 8
