@@ -195,9 +195,10 @@ def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Moduli of a cell with a measured deformation index."""
     from dldsim.calibration import stiffness_for
+    from dldsim.design_jobs import packaged_campaign
     from dldsim.tables import read_table
 
-    path = args.calibration or args.results / "calibration.parquet"
+    path = args.calibration or (args.results or packaged_campaign()) / "calibration.parquet"
     found = stiffness_for(args.di, read_table("calibration", path), args.error, args.design)
     summary = {"deformation_index": args.di, "error": args.error} | found
     return summary, _listing(summary)
@@ -645,8 +646,9 @@ def _parser() -> argparse.ArgumentParser:
                          choices=["group-velocity", "fixed-velocity"],
                          help="calibration at the groups' own velocities (that of the campaign's "
                               "deformation indices), or at one velocity; default %(default)s")
-    inverse.add_argument("--results", type=Path, default=Path("results"), metavar="DIR",
-                         help="campaign whose calibration is taken; default %(default)s")
+    inverse.add_argument("--results", type=Path, metavar="DIR",
+                         help="campaign whose calibration is taken; default: the campaign that "
+                              "comes with the package")
     inverse.add_argument("--calibration", type=Path, metavar="FILE",
                          help="calibration file, instead of the one in the results folder")
 
