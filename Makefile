@@ -40,6 +40,6 @@ $(VENV)/installed-web: $(VENV)/installed requirements-web.txt
 	$(BIN)/python -m pip install --quiet -r requirements-web.txt
 	touch $@
 
-$(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt
+$(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt requirements-web.txt
 	$(BIN)/python -m pip install --quiet -r requirements-dev.txt
 	touch $@

@@ -4,19 +4,15 @@ import ast
 import json
 from pathlib import Path
 
+import httpx
 import pytest
+import web_page_fake
+from streamlit.testing.v1 import AppTest
+from web_page_fake import HIGH, ID, LOW, Fake
 
-pytest.importorskip("streamlit")
-pytest.importorskip("plotly")
-httpx = pytest.importorskip("httpx")
-
-import web_page_fake  # noqa: E402
-from streamlit.testing.v1 import AppTest  # noqa: E402
-from web_page_fake import HIGH, ID, LOW, Fake  # noqa: E402
-
-from dldsim.web.api import models  # noqa: E402
-from dldsim.web.ui import SCRIPT, charts, client  # noqa: E402
-from dldsim.web.ui.parts import allowed, plain  # noqa: E402
+from dldsim.web.api import models
+from dldsim.web.ui import SCRIPT, charts, client
+from dldsim.web.ui.parts import allowed, plain
 
 PAGE = Path(SCRIPT).parent
 
