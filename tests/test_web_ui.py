@@ -131,6 +131,25 @@ def test_design_in_the_address_brings_request_and_result_back(service):
     assert again == spec
 
 
+@pytest.mark.parametrize(("verdict", "words"), [
+    (models.Verdict(state="running", message="step 12 of 40", elapsed_s=90.0),
+     "Simulating (1.5 min): step 12 of 40"),
+    (models.Verdict(state="failed", message="no moduli"), "The simulation failed"),
+    (models.Verdict(state="cancelled"), "The simulation was cancelled"),
+    (models.Verdict(state="done", designs=[web_page_fake.row(
+        "verified_designs", rank=1, separates=True, verdict="separates as predicted")],
+        verifications=[web_page_fake.row("verifications", population="difference", role="design",
+                                         agrees=True, simulated_deg=2.0)]),
+     "separates as predicted"),
+])  # fmt: skip
+def test_verdict_of_the_simulation_is_attached(service, verdict, words):
+    spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH, verify=True)
+    service.designs[ID] = service.status(ID, spec, "done").model_copy(
+        update={"verification": verdict})
+    page = sound(opened(design=ID))
+    assert words in texts(page).replace("\\", "")
+
+
 def test_address_with_something_else_never_reaches_the_service(service):
     page = sound(opened(design="../health"))
     assert "no id" in texts(page)
@@ -212,7 +231,7 @@ def test_answer_of_another_program_is_told_from_a_refusal(monkeypatch):
 
 
 def test_text_of_others_is_no_markup():
-    assert plain("![x](y) *b* `code`") == r"\!\[x\]\(y\) \*b\* `code`"
+    assert plain("![x](y) *b* `make -j`") == r"\!\[x\]\(y\) \*b\* `make -j`"
 
 
 # -------------------------------------------------------------------------------- the other pages

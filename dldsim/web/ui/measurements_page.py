@@ -94,7 +94,7 @@ def _column(name: str, title: str, limit: models.FieldLimit):
         return st.column_config.TextColumn(title, help=about, max_chars=200)
     return st.column_config.NumberColumn(
         title, help=about, min_value=limit.minimum, max_value=limit.maximum,
-        step=1 if name == "periodicity" else None, required=name != "error_deg")
+        step=1 if name == "periodicity" else None)  # were any required, such rows would be lost
 
 
 def _missing(value: Any) -> bool:

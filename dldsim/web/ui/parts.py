@@ -21,7 +21,10 @@ KEPT_S = 30
 
 def plain(text: str) -> str:
     """Text of others as it is: nothing in it is taken for markup, but for code."""
-    return re.sub(r"([\\*_{}\[\]()#+\-.!|~<>$:&])", r"\\\1", text)
+    marks = r"([\\*_{}\[\]()#+\-.!|~<>$:&])"
+    pieces = re.split(r"(`[^`]*`)", text)
+    return "".join(piece if k % 2 else re.sub(marks, r"\\\1", piece)
+                   for k, piece in enumerate(pieces))
 
 
 def campaign() -> str | None:
@@ -78,11 +81,15 @@ def show(error: ApiError) -> None:
 
 
 def at_field(place: str, *names: str) -> None:
-    """What the API said of these fields, below them."""
+    """What the API said of these fields, below them; what it said of several is said once."""
     error = st.session_state.get(f"problem:{place}")
-    for field in error.problem.fields if error else ():
+    fields = error.problem.fields if error else []
+    messages = [f.message for f in fields]
+    for field in fields:
         if field.field.split(".")[0] in names:
-            st.markdown(f":red[:material/error: {plain(field.message)}]")
+            text = plain(field.message) if messages.count(field.message) == 1 else (
+                "named in the refusal below")
+            st.markdown(f":red[:material/error: {text}]")
 
 
 # ----------------------------------------------------------------------------------------- fields
