@@ -27,6 +27,8 @@ Each = Callable[[Mapping[str, Any]], None]
 """Told of every trial of a search as soon as it is done; what it raises ends the search."""
 TOLERANCE_STEPS = 5
 """Values of P_r and of P_g across the tolerance, ends and middle included."""
+SMALLEST_DIRECTION = 1e-4
+"""Of the fit of the resistance, over the largest singular value."""
 EXCEEDED_BY = 0.9
 """Share of the Monte Carlo draws whose separation is larger than the robust one."""
 COVERAGE = 0.9
@@ -58,6 +60,8 @@ class Resistance:
     """Drag of a pillar / (μU) over geometry, from a table of `flows` of one channel height.
 
     Its logarithm is a quadratic of log(P_g/λ) and log(λ) and linear in ε, fitted by least squares.
+    Directions of the terms in which the arrays hardly differ, such as those off the line of arrays
+    whose P_r and P_g go together, take no part in it, and ``basis`` says so.
     ``error``: root mean square of the relative error where each array is left out in turn.
     Raises DldsimError for too few flows, or several heights or drives.
     """
@@ -72,13 +76,15 @@ class Resistance:
         if len(y) < 4:
             raise DldsimError(f"{len(y)} flows are too few to interpolate the pressure drop from.")
         self.height_um = float(table["height_um"].iloc[0])
-        self.coefficients = np.linalg.lstsq(x, y, rcond=None)[0]
-        leverage = np.einsum("ij,ji->i", x, np.linalg.pinv(x))
+        self.coefficients, _, rank, _ = np.linalg.lstsq(x, y, rcond=SMALLEST_DIRECTION)
+        leverage = np.einsum("ij,ji->i", x, np.linalg.pinv(x, rcond=SMALLEST_DIRECTION))
         known = leverage < 1 - 1e-9  # the others decide their own value
         left_out = (y - x @ self.coefficients)[known] / (1 - leverage[known])
         self.error = float(np.sqrt(np.mean(np.expm1(left_out) ** 2))) if known.any() else np.nan
         error = "not known" if np.isnan(self.error) else f"{self.error:.1%}"
         self.basis = f"interpolated from {len(y)} flows without a cell (error {error})"
+        if rank < x.shape[1]:
+            self.basis += ", whose P_r, P_g and N_p do not all vary on their own: larger elsewhere"
 
     @staticmethod
     def _terms(radius, gap, periodicity) -> np.ndarray:

@@ -382,6 +382,28 @@ def make_flows(height=20.0):
     return frame.assign(drag_over_mu_U=drag, height_um=height, drive="no-lateral-flux")
 
 
+def test_resistance_of_arrays_on_one_line_stays_sane_off_it():
+    # The source's arrays, P_g = P_r + 10 µm: the quadratic is not decided across that line.
+    radius = np.repeat([4.0, 6.0, 8.0, 10.0, 11.0, 12.0], 3)
+    flows = pd.DataFrame({"pillar_radius_um": radius, "gap_um": radius + 10,
+                          "periodicity": np.tile([4, 8, 12], 6)})  # fmt: skip
+
+    def drag(radius, gap):
+        pitch = 2 * radius + gap
+        return 3e-3 * pitch**2 * (gap / pitch) ** -2
+
+    noise = 1 + 0.01 * np.cos(np.arange(len(flows)) ** 2)
+    flows = flows.assign(drag_over_mu_U=noise * drag(radius, radius + 10), height_um=20.0,
+                         drive="no-lateral-flux")  # fmt: skip
+    resistance = Resistance(flows)
+    assert "larger elsewhere" in resistance.basis
+    # Nothing is known there but the order of magnitude; the undamped fit said 1e-90 to infinity.
+    radius, gap = np.array([5.0, 10.0]), np.array([20.0, 13.0])
+    ratio = resistance.drag_over_mu_U(radius, gap, [8, 8]) / drag(radius, gap)
+    assert np.all((ratio > 0.1) & (ratio < 10))
+    assert "larger elsewhere" not in Resistance(make_flows()).basis
+
+
 def test_pressure_drop_by_hand():
     """Δp = drag μ U L/λ²: 75 · 1.5e-3 Pa s · 0.5e-3 m/s · 4e-3 m / (25e-6 m)² = 360 Pa."""
     resistance = Resistance(make_flows())

@@ -181,7 +181,7 @@ def problem(kind: str, message: str, field: str = "", **more) -> models.Problem:
 
 @pytest.mark.parametrize(("status", "found", "words"), [
     (422, problem("infeasible", "deformation_index_2 = 0.9 is outside, 0.68 to 0.74",
-                  "deformation_index_2"), "No design can meet this request"),
+                  "deformation_index_2"), "This request cannot be met"),
     (422, problem("invalid", "gap_um = (5, 4): lowest bound first", "gap_um.0"),
      "The request was refused"),
     (429, problem("busy", "The queue is full.", retry_after_s=7), "Try again in 7 s"),

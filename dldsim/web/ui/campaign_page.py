@@ -182,3 +182,5 @@ def _predict(info: models.ModelInfo) -> None:
               "angle_1_high_deg": found.high_deg, "mode_1": found.mode} | asked_for
     chart(charts.array(design, [asked_for["cell_radius_um"]]), "predicted-array",
           "array with the predicted mean direction")
+    st.caption("Line: predicted mean direction, shaded: its interval; the way from row to row is "
+               "not predicted. The disc has the radius of the cell.")

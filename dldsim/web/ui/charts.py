@@ -472,9 +472,9 @@ def angles(runs: Sequence[Row], x: str, response: str, group: str) -> go.Figure:
 
 
 def _side_by_side(runs: Sequence[Row], x: str) -> dict[str, float]:
-    """Place of each run along x, spread over a third of the distance of neighbouring values."""
+    """Place of each run along x, spread over most of the distance of neighbouring values."""
     values = sorted({r[x] for r in runs})
-    width = min((b - a for a, b in pairwise(values)), default=1.0) / 3
+    width = min((b - a for a, b in pairwise(values)), default=1.0) * 0.7
     place = {}
     for value in values:
         same = sorted((r for r in runs if r[x] == value), key=lambda r: (

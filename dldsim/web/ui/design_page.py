@@ -28,7 +28,7 @@ CANDIDATE_COLUMNS = {
     "robust_separation_deg": ("robust |Δθ| [°]", "%.2f"),
     "sigma_num_deg": ("σ_num [°]", "%.2f"), "mode_1": ("mode 1", ""), "mode_2": ("mode 2", ""),
     "mode_change_probability": ("mode may change", "%.0f %%"),
-    "length_mm": ("length [mm]", "%.1f"), "pressure_drop_kPa": ("Δp [kPa]", "%.2f"),
+    "length_mm": ("length [mm]", "%.1f"), "pressure_drop_kPa": ("Δp [kPa]", "%.3g"),
     "throughput_uL_per_h": ("flow [µL/h]", "%.0f"),
     "inside_training_domain": ("interpolated", ""), "verdict": ("verdict", ""),
 }  # fmt: skip
@@ -433,9 +433,9 @@ def _candidate(status: models.DesignStatus, design: Mapping[str, Any], tolerance
                     f"{_shown(design['separation_tolerance_min_deg'])} to "
                     f"{_shown(design['separation_tolerance_max_deg'])}; a mode changes in "
                     f"{design['mode_change_probability']:.0%} of the draws. "
-                    f"Length {_shown(design['length_mm'], ' mm', 1)} for "
+                    f"Length {_shown(design['length_mm'], ' mm', '.3g')} for "
                     f"{request['lateral_separation_um']:g} µm between the cell types, pressure "
-                    f"drop {_shown(design['pressure_drop_kPa'], ' kPa')}, flow "
+                    f"drop {_shown(design['pressure_drop_kPa'], ' kPa', '.3g')}, flow "
                     f"{design['throughput_uL_per_h']:.0f} µL/h."))
     if not design["inside_training_domain"]:
         st.warning("This candidate is extrapolated: it lies outside the arrays learnt from.",
@@ -457,8 +457,8 @@ def _candidate(status: models.DesignStatus, design: Mapping[str, Any], tolerance
                 "sensitivity_deg_per_unit": ("slope [° per unit]", "%.3g")}, "tolerances")
 
 
-def _shown(value: float | None, unit: str = "°", digits: int = 2) -> str:
-    return "not known" if value is None else f"{value:.{digits}f}{unit}"
+def _shown(value: float | None, unit: str = "°", form: str = ".2f") -> str:
+    return "not known" if value is None else f"{value:{form}}{unit}"
 
 
 def _downloads(status: models.DesignStatus, candidate: int) -> None:
@@ -605,7 +605,7 @@ def _verdict(found: models.Verdict) -> None:
             "mode_2": ("mode 2", ""), "status_1": ("run 1", ""), "status_2": ("run 2", ""),
             "separation_low_height_deg": ("lower channel [°]", "%.2f"),
             "separation_high_height_deg": ("higher channel [°]", "%.2f"),
-            "pressure_drop_kPa": ("Δp [kPa]", "%.2f"), "agrees": ("as predicted", "")}, "verified")
+            "pressure_drop_kPa": ("Δp [kPa]", "%.3g"), "agrees": ("as predicted", "")}, "verified")
         st.caption(plain(designs[0]["stopped"]))
     rows = [r.model_dump() for r in found.verifications]
     if rows:

@@ -65,7 +65,7 @@ def show(error: ApiError) -> None:
     """A refusal: what is wrong, field by field, and what to do."""
     problem = error.problem
     title = {
-        "invalid": "The request was refused", "infeasible": "No design can meet this request",
+        "invalid": "The request was refused", "infeasible": "This request cannot be met",
         "busy": "The service is busy", "unreachable": "The service does not answer",
         "unhealthy": "The service cannot answer now", "too-large": "This is too large",
         "not-found": "Not found", "not-ready": "Not ready yet",
