@@ -99,7 +99,13 @@ class Numerics(Section):
 
     spacing_um: float = Field(1.25, gt=0, description="largest lattice spacing wanted")
     velocity_lu: float = Field(0.025, gt=0, le=0.1, description="mean velocity in lattice units")
-    relaxation_time: float = Field(1.25, gt=0.5, le=3, description="τ of the shear stress")
+    relaxation_time: float = Field(3.0, gt=0.5, le=3, description="τ of the shear stress")
+    reynolds_max: float = Field(
+        0.15,
+        gt=0,
+        description="largest numerical Reynolds number U 2R/ν, the fluid's lag behind the cell; "
+        "time_step automatic keeps it",
+    )
     collision: Literal["trt", "bgk"] = Field("trt", description="collision operator")
     inertia: Literal["stokes", "navier-stokes"] = Field(
         "stokes", description="equilibrium without or with the quadratic (convective) term"
@@ -528,7 +534,7 @@ class Config(Section):
 
 
 CELL_NUMERICS = {
-    "coupling", "time_step", "kernel", "edge_to_spacing", "friction_nN_s_per_m", "contact_range_um",
+    "coupling", "time_step", "reynolds_max", "kernel", "edge_to_spacing", "friction_nN_s_per_m", "contact_range_um",
 }  # fmt: skip
 """The numerics that a flow without cell does not depend on."""
 

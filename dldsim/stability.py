@@ -46,13 +46,14 @@ class Margins(NamedTuple):
 
     ``elastic``: ω² of the stiffest mode. ``mass``: dissipative coupling, vertex mass that the
     springs ask for over that which friction does. ``lag``: of the dashpots. ``speed``: of the
-    fluid.
+    fluid. ``inertia``: time in which the fluid relaxes over that in which the cell moves.
     """
 
     elastic: float
     mass: float
     lag: float
     speed: float
+    inertia: float
 
 
 def elastic_frequency(scene: CellInFlow) -> float:
@@ -81,6 +82,34 @@ def frequency_limit(relaxation_time: float, kernel: str) -> float:
     return float(threshold * (SAFETY if kernel in EVEN_ODD else FEEDING))
 
 
+def relaxation_length(scene: CellInFlow) -> float:
+    """Length in nodes over which the fluid relaxes slowest, as L²/ν: the cell's radius, or that of
+    the slowest mode between the walls, 1/L² = π² (1/height² + 1/width²), if longer.
+
+    The width is the pitch of the pillars or the width of the channel.
+    """
+    contact = scene.contact
+    radius = scene.radius_um / scene.units.spacing_um
+    width = contact.pitch if contact.pillars else 2 * contact.profile[1].max()
+    curvature = (1 / width**2 if width else 0.0) + (
+        1 / contact.height**2 if contact.plates else 0.0
+    )
+    return max(radius, 1 / (np.pi * np.sqrt(curvature))) if curvature else radius
+
+
+def lag_number(scene: CellInFlow) -> float:
+    """Twice the relaxation time of the fluid, L²/ν, over the time in which the cell moves by its
+    radius, R/U: the numerical Reynolds number U 2R/ν where the cell is the largest length.
+
+    What is left of inertia with a linear equilibrium is the fluid's lag behind the cell. In the
+    device, at a Reynolds number of some thousandths, there is none.
+    """
+    units = scene.units
+    radius = scene.radius_um / units.spacing_um
+    length = relaxation_length(scene)
+    return 2 * units.velocity_lu * length**2 / (units.viscosity_lu * radius)
+
+
 def margins(scene: CellInFlow) -> Margins:
     """Of a scene as it is released."""
     numerics = scene.numerics
@@ -97,7 +126,8 @@ def margins(scene: CellInFlow) -> Margins:
         mass = 3 * stiffest / (2 * scene.friction)
         lag = velocity / radius / scene.blend / LARGEST_LAG
     speed = scene.sample().speed_max / LARGEST_SPEED
-    return Margins(elastic, mass, lag, speed)
+    inertia = lag_number(scene) / numerics.reynolds_max
+    return Margins(elastic, mass, lag, speed, inertia)
 
 
 def refinement(given: Margins, numerics: Numerics) -> float:
@@ -134,6 +164,7 @@ def bottleneck(given: Margins) -> str:
         "mass": "springs would make the vertices too heavy",
         "lag": "the membrane's viscosity would act too late",
         "speed": "the fluid would be too fast",
+        "inertia": "the fluid would lag behind the cell",
     }
     return words[max(words, key=lambda name: getattr(given, name))]
 
