@@ -114,6 +114,9 @@ class Numerics(Section):
     bounce_back: Literal["half-way", "interpolated"] = Field(
         "interpolated", description="treatment of the pillar surface"
     )
+    half_scene: bool = Field(
+        True, description="compute half of the height between plates and mirror the rest"
+    )
     rows: int = Field(2, ge=1, description="pillar rows in the domain (1 … N_p)")
     lanes: int = Field(1, ge=1, description="pillars per row in the domain")
     coupling: Literal["no-slip", "dissipative"] = Field(
@@ -534,7 +537,8 @@ class Config(Section):
 
 
 CELL_NUMERICS = {
-    "coupling", "time_step", "reynolds_max", "kernel", "edge_to_spacing", "friction_nN_s_per_m", "contact_range_um",
+    "coupling", "time_step", "reynolds_max", "kernel", "edge_to_spacing",
+    "friction_nN_s_per_m", "contact_range_um",
 }  # fmt: skip
 """The numerics that a flow without cell does not depend on."""
 

@@ -25,7 +25,10 @@ they feed staggered momentum as soon as a membrane comes near. Of runs with colu
 
 @dataclass(frozen=True)
 class ArrayLattice:
-    """Discrete unit cell: ``rows`` × ``lanes`` pillars; lengths in nodes unless named otherwise."""
+    """Discrete unit cell: ``rows`` × ``lanes`` pillars; lengths in nodes unless named otherwise.
+
+    ``height`` is that of the channel; the lattice may hold its lower half only.
+    """
 
     spacing_um: float
     pitch: int
@@ -75,7 +78,8 @@ def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLatti
         )
     lattice = make_pillars(
         pitch, shift, radius, numerics.rows, numerics.lanes, height, walls=walls,
-        bounce_back=numerics.bounce_back, precision=numerics.precision,
+        half=walls and numerics.half_scene, bounce_back=numerics.bounce_back,
+        precision=numerics.precision,
     )  # fmt: skip
     return ArrayLattice(
         spacing, pitch, shift, radius, numerics.rows, numerics.lanes, height, lattice
@@ -91,6 +95,7 @@ def make_pillars(
     height: int = 1,
     *,
     walls: bool = False,
+    half: bool = False,
     bounce_back: str = "interpolated",
     precision: str = "float64",
 ) -> Lattice:
@@ -115,6 +120,7 @@ def make_pillars(
         solid,
         height,
         walls=walls,
+        half=half,
         row_shift=rows * shift,
         link_fraction=link_fraction if bounce_back == "interpolated" else None,
         dtype=np.dtype(precision),

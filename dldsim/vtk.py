@@ -92,10 +92,10 @@ def simulate_with_shapes(
         if not records or records[-1] is not record:  # the run may begin anew
             points.clear()
             records.append(record)
-            faces.append(np.array(scene.membrane.faces, dtype=np.int32))
+            faces.append(np.array(scene.surface[0].faces, dtype=np.int32))
         if (len(record.samples) - 1) % every == 0:
             spacing = record.units.spacing_um
-            points.append(((scene.body.x - record.origin) * spacing).astype(np.float32))
+            points.append(((scene.positions() - record.origin) * spacing).astype(np.float32))
 
     result = simulate_run(
         geometry, stiffness, cell, flow, numerics, control, run_id=run_id,

@@ -10,7 +10,8 @@ PACKAGE = Path(__file__).parents[1] / "dldsim"
 FLOORS = [
     {"errors", "_numba"},
     {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "accuracy"},
-    {"lattice", "geometry", "membrane", "finite_element", "coupling"},
+    {"lattice", "geometry", "membrane", "finite_element", "coupling",
+     "mirror"},
     {"flow", "cellflow"},
     {"stability"},
     {"simulation", "constriction"},
