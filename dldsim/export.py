@@ -166,7 +166,7 @@ def _check_array(name: str, layout: Layout, run: Verified) -> None:
         for source, value in (("row", run.row[key]), ("shapes", getattr(run.shapes.geometry, key))):
             if abs(value - wanted) > 1e-6:
                 raise DldsimError(
-                    f"{name}: the verifying run {run.row['outcome_id']} has {key} = {value:g} in its "
+                    f"{name}: the verifying {run.row['outcome_id']} has {key} = {value:g} in its "
                     f"{source}, the design {wanted:g} (lengths to the nanometre). Simulate the "
                     "design itself."
                 )
