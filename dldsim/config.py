@@ -158,7 +158,24 @@ class RunControl(Section):
 
     max_rows: int = Field(50, ge=2, description="most rows that a cell is followed from a release")
     orbit_tolerance: float = Field(
-        0.03, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
+        0.03, gt=0, lt=1, description="resolution of a lateral position / row shift: an orbit that "
+        "returns within it repeats"
+    )
+    still_rows: int = Field(
+        8, ge=2, description="rows that a cell rests in the bump lane until it counts as settled"
+    )
+    mean_tolerance: float = Field(
+        0.05,
+        gt=0,
+        lt=1,
+        description="half-width of the 95 % interval of the mean lateral step / row shift with "
+        "which a motion without orbit counts as settled",
+    )
+    capture_chance_max: float = Field(
+        0.001,
+        gt=0,
+        lt=1,
+        description="chance per row of another motion below which that is excluded",
     )
     records_per_row: int = Field(20, ge=4, description="trajectory samples per row")
     release_gap_fractions: list[Place] = Field(
