@@ -476,7 +476,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
     "verifications": (
         _text("request", "name of the design request"),
         _count("round", "round of search, simulation and refit"),
-        _text("role", "design; finer: on a finer lattice; transition: near a mode change; height: at another"),
+        _text("role", "design; finer or height: the same, set so; transition: near a mode change"),
         _count("array", "number of the array within its request"),
         _text("population", "cell type 1 or 2; difference: angle 2 − angle 1"),
         *_GEOMETRY,

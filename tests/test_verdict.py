@@ -16,9 +16,9 @@ def pair(first, second, spread=0.1, status="decided", spacing_um=1.1, lag=0.15):
 
 
 def verdict(found, sigma, finer):
-    difference = {"simulated_deg": found[1]["migration_angle_deg"] - found[0]["migration_angle_deg"],
-                  "sigma_num_deg": sigma, "predicted_deg": 2.0, "verdict": "predicted so",
-                  "note": ""}  # fmt: skip
+    first, second = (row["migration_angle_deg"] for row in found)
+    difference = {"simulated_deg": second - first, "sigma_num_deg": sigma,
+                  "predicted_deg": 2.0, "verdict": "predicted so", "note": ""}  # fmt: skip
     return _design_verdict(difference, found, finer, separated(found, sigma, finer))
 
 
