@@ -431,6 +431,10 @@ class Verification(Section):
     height_runs: bool = Field(
         True, description="simulate the best design at ± height_tolerance_um too"
     )
+    finer_designs: int = Field(
+        1, ge=0, description="designs that separate, best first, simulated once more on the next "
+        "finer lattice at half the numerical Reynolds number; no other counts as separating"
+    )
     exports: int = Field(1, ge=0, description="best verified designs whose files are written")
     outcomes_max: int = Field(20, ge=2, description="outcomes at most, two for each array")
 

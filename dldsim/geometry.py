@@ -52,6 +52,15 @@ def whole_shift_spacing(geometry: Geometry, spacing_um: float) -> tuple[float, i
     return shift_um / nodes, nodes
 
 
+def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
+    """Numerics on the next finer lattice that the row shift allows, at half the numerical Re."""
+    shift_um = geometry.pitch_um / geometry.periodicity
+    _, nodes = whole_shift_spacing(geometry, numerics.spacing_um)
+    return numerics.model_copy(update={
+        "spacing_um": shift_um / (nodes + 1), "reynolds_max": numerics.reynolds_max / 2
+    })
+
+
 def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLattice:
     """Lay the unit cell of an array on the lattice.
 
