@@ -300,6 +300,9 @@ class Passes:
 def find_passes(m: np.ndarray, periodicity: int) -> Passes:
     """Complete passes, each from a quarter lane before the peak of the row map to the next.
 
+    All of them count, and the rows before the first start are the transient: to leave out more by
+    looking at the scatter would make it too small.
+
     A start is where z first falls below its level, linearly interpolated within the row; that is
     wrong by at most an eighth of the second difference of z.
     """
@@ -340,18 +343,6 @@ def mean_of_passes(passes: Passes, periodicity: int) -> tuple[float, float, floa
     return float(mean), float(low), float(high)
 
 
-def settled_passes(passes: Passes, periodicity: int) -> Passes:
-    """The last passes, at least half of them, whose mean is known best (White 1997)."""
-    def tail(start: int) -> Passes:
-        return Passes(passes.starts[start:], passes.start_errors[start:], passes.peaks[start:])
-
-    def width(start: int) -> float:
-        _, low, high = mean_of_passes(tail(start), periodicity)
-        return high - low
-
-    return tail(min(range(min(len(passes) // 2, len(passes) - 2) + 1), key=width))
-
-
 def passing(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | None:
     """A motion through lane after lane whose mean is known and that the bump lane cannot catch.
 
@@ -361,7 +352,6 @@ def passing(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | No
     passes = find_passes(m, periodicity)
     if len(passes) < 3:
         return None
-    passes = settled_passes(passes, periodicity)
     mean, low, high = mean_of_passes(passes, periodicity)
     capture = capture_per_row(passes, control)
     if max(high - mean, mean - low) > control.mean_tolerance:
@@ -395,12 +385,10 @@ def undecided(m: np.ndarray, periodicity: int, control: RunControl) -> Motion:
     distance = None
     reason = f"not settled in {len(m)} rows: {len(passes)} complete passes"
     if len(passes) > 1:
-        passes = settled_passes(passes, periodicity)
         capture = capture_per_row(passes, control)
         distance = float(passes.peaks.mean()) - 1
         expected, low, high = mean_of_passes(passes, periodicity)
-        low = min(low, mean)
-        high = max(high, mean)
+        low, high = min(low, mean), max(high, mean)
         if capture > control.capture_chance_max:
             high = max(1.0, high)
             reason += f", chance of capture by the bump lane {capture:.1g} per row"
