@@ -157,9 +157,15 @@ class RunControl(Section):
     """Where runs begin, when they record and when they stop."""
 
     max_rows: int = Field(50, ge=2, description="most rows that a cell is followed from a release")
+    min_rows: int = Field(
+        0, ge=0, description="least rows that a cell is followed, settled or not"
+    )
     orbit_tolerance: float = Field(
-        0.03, gt=0, lt=1, description="resolution of a lateral position / row shift: an orbit that "
-        "returns within it repeats"
+        0.03,
+        gt=0,
+        lt=1,
+        description="resolution of a lateral position / row shift: an orbit that returns within it "
+        "repeats",
     )
     still_rows: int = Field(
         8, ge=2, description="rows that a cell rests in the bump lane until it counts as settled"

@@ -171,8 +171,9 @@ def resting(m: np.ndarray, control: RunControl) -> Motion | None:
 
     For ``still_rows`` rows the cell has moved by less than a quarter of a row shift and has kept
     within the positions that it took since it entered the lane, so that its excursions tighten; or
-    it has not moved at all to the resolution. A cell that slowly passes a peak just below or above
-    one row shift ends such a stay at its lowest or behind its highest position, and fails.
+    it has moved by less than the resolution, in the second half at most half as far as in the
+    first. A cell that slowly passes a peak of about one row shift fails: it ends its stay at its
+    lowest position, and its drift fades no faster than the inverse square of the rows.
     """
     entry = lane_entry(m, control.orbit_tolerance)
     still = control.still_rows
@@ -187,13 +188,15 @@ def resting(m: np.ndarray, control: RunControl) -> Motion | None:
         and last.max() <= before.max() + 1e-9
         and moved <= STILL_WITHIN
     )
-    if not within and moved > control.orbit_tolerance:
+    half = still // 2
+    fades = moved <= control.orbit_tolerance and np.ptp(last[half:]) <= np.ptp(last[: half + 1]) / 2
+    if not (within or fades):
         return None
     peak = float(m[entry:].max())
     return Motion(
         "converged",
         f"rests in the bump lane since row {entry}: moved by {moved:.3f} row shifts in the last "
-        f"{still} rows and kept within the positions taken before",
+        f"{still} rows, " + ("within the positions taken before" if within else "less and less"),
         1.0, 1 - moved / still, 1 + moved / still, 1, entry, peak, peak - 1, 0.0,
     )  # fmt: skip
 
@@ -209,9 +212,11 @@ def swinging(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | N
     if entry is None:
         return None
     z = framed(m)[entry:]
+    if np.ptp(z[-control.still_rows - 1 :]) <= STILL_WITHIN:
+        return None  # rest or none yet
     middle = (z.min() + z.max()) / 2
     below = np.flatnonzero(z < middle)
-    dips = [part for part in np.split(below, np.flatnonzero(np.diff(below) > 1) + 1)]
+    dips = np.split(below, np.flatnonzero(np.diff(below) > 1) + 1)
     dips = [part for part in dips if len(part) and part[-1] < len(z) - 1]
     if len(dips) < 3:
         return None
@@ -243,8 +248,8 @@ def repeating(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | 
     of the row map, after returns that halved twice from orbit to orbit. (Halved once, a motion may
     be passing an orbit that it then leaves.) An orbit that falls through j lanes in p rows moves by
     1 − j N_p/p row shifts per row. Its interval is that of a cell that is off by the last return
-    where it lingers: at the peak of the row map. Within one lane only orbits longer than
-    ``still_rows`` are sought: shorter ones are rest.
+    where it lingers: at the peak of the row map. What moves by less than a quarter of a row shift
+    is no orbit but rest.
     """
     z = framed(m)
     for p in range(2, len(m) // 2 + 1):
@@ -253,7 +258,7 @@ def repeating(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | 
             return None
         change = z[p:] - z[:-p]
         lanes = -round(float(change[-1]) / periodicity)
-        if lanes == 0 and p < control.still_rows:
+        if np.ptp(z[-p - 1 :]) <= STILL_WITHIN:
             continue
         change = np.abs(change + lanes * periodicity)
         ends = [len(change) - p * back for back in range(3)]
@@ -276,9 +281,13 @@ def repeating(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | 
 
 @dataclass(frozen=True)
 class Passes:
-    """Falls through whole lanes: ``starts`` (n + 1,) in rows, ``peaks`` (n,) in row shifts."""
+    """Falls through whole lanes: ``starts`` (n + 1,) in rows, ``peaks`` (n,) in row shifts.
+
+    ``start_errors`` (n + 1,): bound of the interpolation's error in the starts, in rows.
+    """
 
     starts: np.ndarray
+    start_errors: np.ndarray
     peaks: np.ndarray
 
     def __len__(self) -> int:
@@ -291,7 +300,11 @@ class Passes:
 def find_passes(m: np.ndarray, periodicity: int) -> Passes:
     """Complete passes, each from a quarter lane before the peak of the row map to the next.
 
-    A start is where z first falls below its level, linearly interpolated within the row.
+    All of them count, and the rows before the first start are the transient: to leave out more by
+    looking at the scatter would make it too small.
+
+    A start is where z first falls below its level, linearly interpolated within the row; that is
+    wrong by at most an eighth of the second difference of z.
     """
     z = np.minimum.accumulate(framed(m))
     top = framed(m)[int(np.argmax(m[1:])) + 1] if len(m) > 1 else 0.0
@@ -302,7 +315,9 @@ def find_passes(m: np.ndarray, periodicity: int) -> Passes:
     starts = after - (levels - z[after]) / (z[after - 1] - z[after])
     whole = np.floor(starts).astype(int)
     peaks = [m[a:b].max() for a, b in pairwise(whole)]
-    return Passes(starts, np.array(peaks))
+    bend = np.abs(np.diff(m, prepend=m[0], append=m[-1]))
+    errors = np.maximum(bend[whole], bend[whole + 1]) / 8 / np.abs(m[whole] - 1)
+    return Passes(starts, errors, np.array(peaks))
 
 
 def chance_beyond(values: np.ndarray, limit: float, resolution: float) -> float:
@@ -316,25 +331,16 @@ def chance_beyond(values: np.ndarray, limit: float, resolution: float) -> float:
 
 
 def mean_of_passes(passes: Passes, periodicity: int) -> tuple[float, float, float]:
-    """Mean step of at least two passes and its 95 % interval by the scatter of their lengths."""
+    """Mean step of at least two passes and its 95 % interval.
+
+    By the scatter of the passes' lengths (Student's t), and the error of first and last start.
+    """
     rows = passes.rows()
     half_width = student.ppf((1 + CONFIDENCE) / 2, len(rows) - 1) * rows.std(ddof=1)
-    half_width /= math.sqrt(len(rows))
+    half_width = half_width / math.sqrt(len(rows)) + passes.start_errors[[0, -1]].sum() / len(rows)
     ends = rows.mean(), max(1.0, rows.mean() - half_width), rows.mean() + half_width
     mean, low, high = (1 - periodicity / end for end in ends)
     return float(mean), float(low), float(high)
-
-
-def settled_passes(passes: Passes, periodicity: int) -> Passes:
-    """The last passes, at least half of them, whose mean is known best (White 1997)."""
-    def tail(start: int) -> Passes:
-        return Passes(passes.starts[start:], passes.peaks[start:])
-
-    def width(start: int) -> float:
-        _, low, high = mean_of_passes(tail(start), periodicity)
-        return high - low
-
-    return tail(min(range(min(len(passes) // 2, len(passes) - 2) + 1), key=width))
 
 
 def passing(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | None:
@@ -346,7 +352,6 @@ def passing(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | No
     passes = find_passes(m, periodicity)
     if len(passes) < 3:
         return None
-    passes = settled_passes(passes, periodicity)
     mean, low, high = mean_of_passes(passes, periodicity)
     capture = capture_per_row(passes, control)
     if max(high - mean, mean - low) > control.mean_tolerance:
@@ -380,12 +385,10 @@ def undecided(m: np.ndarray, periodicity: int, control: RunControl) -> Motion:
     distance = None
     reason = f"not settled in {len(m)} rows: {len(passes)} complete passes"
     if len(passes) > 1:
-        passes = settled_passes(passes, periodicity)
         capture = capture_per_row(passes, control)
         distance = float(passes.peaks.mean()) - 1
         expected, low, high = mean_of_passes(passes, periodicity)
-        low = min(low, mean)
-        high = max(high, mean)
+        low, high = min(low, mean), max(high, mean)
         if capture > control.capture_chance_max:
             high = max(1.0, high)
             reason += f", chance of capture by the bump lane {capture:.1g} per row"
