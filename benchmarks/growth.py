@@ -196,7 +196,7 @@ def runs_by_periodicity(path: Path) -> dict[str, list[float]]:
     import pandas as pd
 
     runs = pd.read_parquet(path)
-    runs = runs[runs["status"].isin(["converged", "periodic", "period_limit"])]
+    runs = runs[runs["status"].isin(["converged", "periodic", "stationary", "undecided"])]
     runs["updates"] = runs["steps"] * runs["nodes"]
     names = ["rows_completed", "steps", "updates"]
     group = runs.groupby("periodicity")[names].median()
