@@ -1,10 +1,10 @@
 """Drag on a held sphere of membrane vertices in a simple-cubic array: its hydrodynamic radius.
 
-The vertices stand still on a sphere; each is held by a spring and a dashpot, whose forces are spread
-to the fluid as a membrane's are, until what moves a vertex in a run (`cellflow.advance_no_slip`)
-vanishes. A uniform body force drives the fluid, inside and outside, past the sphere and its images.
-The force on the sphere is then that on the whole box, and with the mean velocity it says which solid
-sphere would have this drag.
+The vertices stand still on a sphere. Each is held by a spring and a dashpot, whose forces are
+spread to the fluid as a membrane's are, until what moves a vertex in a run vanishes: the velocity
+of the fluid and the slip of a lasting force (`cellflow.advance_no_slip`). A uniform body force
+drives the fluid, inside and outside, past the sphere and its images. The force on the sphere is
+then that on the whole box, and with the mean velocity it says which solid sphere has this drag.
 """
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from dldsim._numba import jit
+from dldsim.cellflow import MEMBRANE_SLIP
 from dldsim.coupling import EVEN_ODD, interpolate, locate, make_domain, make_stencil, spread
 from dldsim.flow import Fluid
 from dldsim.lattice import make_lattice, stream_collide, viscosity
@@ -42,12 +43,13 @@ def drag_over_radius(radius: float) -> float:
 
 @jit
 def hold(
-    steps, spring, dashpot, f, f_new, force, velocity, streaming, parameters, inertia, buf,
+    steps, spring, dashpot, slip, f, f_new, force, velocity, streaming, parameters, inertia, buf,
     stencil, push, moved, vertex_velocity,
 ):  # fmt: skip
     """An even number of steps of a fluid in which vertices are held.
 
-    ``push`` (V, 3): force on the fluid; ``moved`` (V, 3): way that the vertices would have gone.
+    ``push`` (V, 3): force on the fluid; ``moved`` (V, 3): way that the vertices would have gone,
+    of which ``slip`` times the force density is a part.
     """
     for step in range(steps):
         force[:] = 0.0
@@ -56,7 +58,7 @@ def hold(
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-        interpolate(velocity, force, 0.5, stencil, vertex_velocity)
+        interpolate(velocity, force, slip, stencil, vertex_velocity)
         for i in range(push.shape[0]):
             for d in range(3):
                 moved[i, d] += vertex_velocity[i, d]
@@ -78,7 +80,7 @@ def hydrodynamic_radius(
     vertices, not that of the volume which their faces enclose (0.02 nodes less at a mean edge of
     one node).
     """
-    width = round(BOX * radius)
+    width, nu = round(BOX * radius), viscosity(relaxation_time)
     lattice = make_lattice(np.zeros((width, width), bool), width, walls=False, dtype=np.float64)
     fluid = Fluid(lattice, relaxation_time, "trt", False, np.dtype("float64"))
     body_force = 1e-6  # any: the fluid is linear
@@ -90,11 +92,9 @@ def hydrodynamic_radius(
     push, moved, vertex_velocity = (np.zeros_like(x) for _ in range(3))
     soft = 1.0 if kernel in EVEN_ODD else 0.1
     hold(
-        steps, soft * SPRING, soft * DASHPOT, fluid.f, fluid.f_new, fluid.force, fluid.velocity,
-        lattice.streaming, fluid.parameters, False, fluid.buffer, stencil, push, moved,
-        vertex_velocity,
+        steps, soft * SPRING, soft * DASHPOT, MEMBRANE_SLIP / nu, fluid.f, fluid.f_new,
+        fluid.force, fluid.velocity, lattice.streaming, fluid.parameters, False, fluid.buffer,
+        stencil, push, moved, vertex_velocity,
     )  # fmt: skip
-    drag = body_force * width**2 / (
-        6 * np.pi * viscosity(relaxation_time) * fluid.mean_velocity()[0]
-    )
+    drag = body_force * width**2 / (6 * np.pi * nu * fluid.mean_velocity()[0])
     return width * brentq(lambda a: drag_over_radius(a) - drag, 1e-3, 0.49)
