@@ -27,6 +27,8 @@ MODE = {"bump": ("#0072B2", "circle"), "mixed": ("#009E73", "diamond"),
         "zigzag": ("#D55E00", "triangle-up"), "none": ("#7F7F7F", "x")}  # fmt: skip
 SKY, BLUE, ORANGE, GREEN, GREY, PILLAR = (
     "#56B4E9", "#0072B2", "#E69F00", "#009E73", "#5F6368", "#C9CDD2")  # fmt: skip
+DECIDED = ("decided", "coexisting", "measured")
+"""Statuses of outcomes whose angle is known."""
 ORDERED = "Cividis"
 ROWS_SHOWN = 16
 """Rows of pillars that a drawing shows at most."""
@@ -420,8 +422,6 @@ RESPONSES = {"migration_angle_deg": "migration angle θ<sub>m</sub> [°]",
              "share": "tan θ<sub>m</sub> · N<sub>p</sub>  (1: bump, 0: zigzag)"}
 SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x", "star",
            "pentagon")  # fmt: skip
-DECIDED = ("decided", "coexisting", "measured")
-"""Statuses of outcomes whose angle is known."""
 OKABE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F",
          "#F0E442")  # fmt: skip
 

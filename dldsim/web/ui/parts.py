@@ -238,8 +238,8 @@ def provenance(found: models.Provenance) -> None:
     measured = f", {found.measured} of them measured on devices" if found.measured else ""
     st.caption(
         f":material/database: **{plain(found.campaign_name)}** ({origin}): {found.outcomes} "
-        f"outcomes, {found.used} learnt from{measured}, {found.geometries} arrays · physics version "
-        f"{found.physics_version} · dldsim {plain(found.dldsim_version)} · model "
+        f"outcomes, {found.used} learnt from{measured}, {found.geometries} arrays · physics "
+        f"version {found.physics_version} · dldsim {plain(found.dldsim_version)} · model "
         f"`{found.model_sha256[:12] or 'none'}`")
     for warning in found.warnings:
         st.caption(f":material/warning: {plain(warning)}")
