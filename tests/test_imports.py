@@ -9,9 +9,10 @@ PACKAGE = Path(__file__).parents[1] / "dldsim"
 
 FLOORS = [
     {"errors", "_numba"},
-    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "accuracy"},
+    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "uncertainty", "accuracy"},
     {"lattice", "geometry", "membrane", "finite_element", "coupling"},
     {"flow", "cellflow"},
+    {"reference_study", "spot_check"},
     {"stability"},
     {"simulation", "constriction"},
     {"shear", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
