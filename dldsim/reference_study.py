@@ -15,6 +15,7 @@ height on the lattice, a whole number of nodes, changes by up to half a node and
 The plan (which pairs, which searches) is read by rule files: nothing heavy is imported at the top.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -72,8 +73,8 @@ def _common(config: Config) -> dict[str, Any]:
 
 TOLERANCE = 0.01
 """Width of the final bracket over the critical gap."""
-POINTS = 8
-"""Gaps simulated in a search at most: a bracket of a third of the gap is closed by five or six."""
+POINTS = 10
+"""Gaps simulated in a search at most; four to seven are usual."""
 SPHERE = "sphere"
 """Stands for the stiffness set of a stiff sphere."""
 SPACING, REYNOLDS = "spacing_um", "reynolds_max"
@@ -237,11 +238,11 @@ def next_gap(
 ) -> float | None:
     """The next gap [µm] of a search, or None at its end.
 
-    Regula falsi in the Illinois variant (Dowell & Jarratt 1971, BIT 11:168) on the transition
-    distance. A root closer to one end than half the tolerance is overshot by as much, so that the
-    bracket closes. With a start the bracket is found from there, by Newton's step and then twice as
-    far each time, else its ends are simulated first. The search ends early where a side is unknown
-    and where the bracket holds no transition.
+    Regula falsi on the transition distance, truncated and projected (ITP, Oliveira & Takahashi
+    2021, ACM Trans. Math. Softw. 47:5) so that it takes at most one point more than bisection, and
+    overshooting by half the tolerance so that the bracket closes. With a start the bracket is found
+    from there, by Newton's step and then twice as far each time, else its ends are simulated first.
+    The search ends early where a side is unknown and where the bracket holds no transition.
     """
     if any(p["side"] == UNKNOWN for p in points):
         return None
@@ -250,13 +251,21 @@ def next_gap(
         return _next_outward(points, bracket, start)
     if closed(low, high):
         return None
-    root = _root(low, high, _repeats(points))
-    margin = TOLERANCE * root / 2
-    if root - low["gap_um"] < margin:
-        root = low["gap_um"] + 1.8 * margin
-    elif high["gap_um"] - root < margin:
-        root = high["gap_um"] - 1.8 * margin
-    return round(root, 3)
+    middle, half = (low["gap_um"] + high["gap_um"]) / 2, (high["gap_um"] - low["gap_um"]) / 2
+    tolerance = TOLERANCE * low["gap_um"]
+    root = _root(low, high)
+    inward = math.copysign(min(0.45 * tolerance, abs(middle - root)), middle - root)
+    first, since = _first_bracket(points)
+    bisections = math.ceil(math.log2(max(first / tolerance, 1.0)))
+    reach = max(tolerance / 2 * 2.0 ** (bisections + 1 - since) - half, 0.0)
+    return round(min(max(root + inward, middle - reach), middle + reach), 3)
+
+
+def _first_bracket(points: Sequence[Row]) -> tuple[float, int]:
+    """Width of the bracket when both sides had been seen first, and points simulated since."""
+    count = next(n for n in range(2, len(points) + 1) if None not in ends(points[:n]))
+    low, high = ends(points[:count])
+    return high["gap_um"] - low["gap_um"], len(points) - count
 
 
 def closed(low: Row, high: Row) -> bool:
@@ -280,27 +289,11 @@ def _next_outward(points, bracket, start) -> float | None:
     return round(min(max(last["gap_um"] + step, bracket[0]), bracket[1]), 3)
 
 
-def _repeats(points: Sequence[Row]) -> int:
-    """How often in a row, before the last time, the last point's side was met."""
-    count = 0
-    for point in reversed(points[:-1]):
-        if point["side"] != points[-1]["side"]:
-            break
-        count += 1
-    return count * points[-1]["side"]
-
-
-def _root(low: Row, high: Row, repeats: int = 0) -> float:
-    """Gap [µm] at which the line through both distances vanishes; the middle if one is unknown.
-
-    ``repeats``: how often the last side was met again, positive for low, negative for high: the
-    distance of the other end, which has not moved, is halved as often.
-    """
+def _root(low: Row, high: Row) -> float:
+    """Gap [µm] at which the line through both distances vanishes; the middle if one is unknown."""
     at_low, at_high = low["transition_distance"], high["transition_distance"]
     if at_low is None or at_high is None:
         return (low["gap_um"] + high["gap_um"]) / 2
-    at_high *= 0.5 ** max(repeats, 0)
-    at_low *= 0.5 ** max(-repeats, 0)
     share = at_low / (at_low - at_high)
     return low["gap_um"] + share * (high["gap_um"] - low["gap_um"])
 
