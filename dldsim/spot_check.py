@@ -37,7 +37,7 @@ def sample(identifiers: Sequence[str], seed: int) -> list[str]:
 def other_releases(releases: Sequence[float]) -> list[float]:
     """Places of release midway between those of the campaign; of a single one, midway to the
     pillars."""
-    places = sorted(releases) if len(releases) > 1 else [0.0, *releases, 1.0]
+    places = sorted(releases if len(releases) > 1 else {0.0, *releases, 1.0})
     return [round((a + b) / 2, 3) for a, b in zip(places, places[1:], strict=False)]
 
 

@@ -134,8 +134,8 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
     if other := _differing(model["numerics"], json.loads(row["numerics"])):
         return None, f"{NOT_STUDIED}: {', '.join(other)}"
     sigma_distance, share = model["distance"]["value"], model["share"]["value"]
-    if sigma_distance is None or share is None:
-        return None, f"{NOT_STUDIED}: the study has no pair that agrees"
+    if not sigma_distance or share is None:
+        return None, f"{NOT_STUDIED}: the study has too few pairs"
     distance, bump = row["transition_distance"], row["bump_angle_deg"]
     if row["status"] != DECIDED:
         chance, step, why = 0.5, bump, f"{SPANS}, the outcome is {row['status']}"
