@@ -23,7 +23,7 @@ FLOORS = [
      "design_figures", "report", "movie"},
     {"export", "design_report"},
     {"jobs"},
-    {"verification"},
+    {"verification", "reference_jobs"},
     {"design_jobs"},
     {"cli"},
     {"__main__"},

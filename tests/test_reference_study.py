@@ -81,9 +81,10 @@ def test_a_plan_without_the_campaigns_own_value_is_refused(config):
 def test_a_pair_differs_in_what_the_reference_names(config):
     run = config.reference.pairs[0]
     own, finer = (study.pair_settings(run, name, config) for name in (CAMPAIGN, study.REFERENCE))
+    assert own["run_control"] == config.run_control.model_dump(mode="json")
     changed = {"spacing_um": 0.6, "reynolds_max": 0.1}
-    assert finer == own | {"numerics": own["numerics"] | changed}
-    assert own["run_control"]["release_gap_fractions"] == config.reference.releases
+    control = own["run_control"] | {"release_gap_fractions": config.reference.releases}
+    assert finer == own | {"numerics": own["numerics"] | changed, "run_control": control}
 
 
 def test_finest_must_be_pairs():
