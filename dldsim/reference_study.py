@@ -53,14 +53,16 @@ def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
     At the campaign's numerics the cell is released and followed as in the campaign.
     """
     geometry, stiffness_set = parse_run(run)
-    control = {} if name != CAMPAIGN else {"run_control": config.run_control.model_dump(mode="json")}
+    common = _common(config)
+    if name == CAMPAIGN:
+        common["run_control"] = config.run_control.model_dump(mode="json")
     return {
         "geometry": geometry.model_dump(mode="json"),
         "stiffness_set": stiffness_set,
         "stiffness": config.stiffness_sets[stiffness_set].model_dump(mode="json"),
         "numerics": study_numerics(name, config),
-        **_common(config), **control,
-    }  # fmt: skip
+        **common,
+    }
 
 
 def _common(config: Config) -> dict[str, Any]:
