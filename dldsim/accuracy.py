@@ -16,8 +16,8 @@ from statistics import mean, stdev, variance
 from typing import Any, NamedTuple
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.campaign import RUN_PATTERN, parse_run, settings_hash
-from dldsim.config import Config, validate
+from dldsim.campaign import OUTCOME_PATTERN, parse_outcome, settings_hash
+from dldsim.config import Cell, Config, RunControl, validate
 from dldsim.errors import DldsimError
 
 DEFAULT, LONG, SETTING, REFERENCE = "default", "long", "setting", "reference"
@@ -29,7 +29,7 @@ REPLAYED = ("orbit_tolerance", "max_rows")
 START, RELEASE = "release_gap_fraction", "release_position_um"
 NEVER = 1e-9
 """An orbit tolerance that no motion meets: the long run goes on to its last row."""
-SETTLED = ("converged", "periodic")
+SETTLED = ("converged", "periodic", "stationary")
 
 
 class Variant(NamedTuple):
@@ -54,7 +54,7 @@ def parse_variant(text: str) -> Variant:
 
 def quantity_of(run: str) -> str:
     """What is measured: the angle of an array run, the index of a constriction group."""
-    return ANGLE if re.fullmatch(RUN_PATTERN, run) else INDEX
+    return ANGLE if re.fullmatch(OUTCOME_PATTERN, run) else INDEX
 
 
 def kind_of(variant: Variant) -> str:
@@ -65,7 +65,7 @@ def kind_of(variant: Variant) -> str:
 def starts(config: Config) -> list[float]:
     """Starts of the array runs, the campaign's own first, as `release_gap_fraction`."""
     others = config.accuracy.migration_angle.other_starts
-    return list(dict.fromkeys([config.cell.release_gap_fraction, *others]))
+    return list(dict.fromkeys([config.run_control.release_gap_fractions[0], *others]))
 
 
 def variants(config: Config) -> list[Variant]:
@@ -134,6 +134,7 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
     quantity = quantity_of(variant.run)
     changed = changes(variant, config)
     release = changed.pop(RELEASE, config.constriction.release_positions_um[0])
+    place = changed.pop(START, None)
     sections = {name: getattr(config, name).model_dump() for name in SECTIONS[quantity]}
     for key, value in changed.items():
         sections[section_of(key, quantity, config)][key] = value
@@ -142,9 +143,11 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
         for name, values in sections.items()
     }
     if quantity == ANGLE:
-        geometry, name = parse_run(variant.run)
+        geometry, name = parse_outcome(variant.run)
+        cell = Cell(**plain["cell"], release_gap_fraction=place)
         return {
             **plain,
+            "cell": cell.model_dump(mode="json"),
             "flow": config.flow.model_dump(mode="json"),
             "geometry": geometry.model_dump(mode="json"),
             "stiffness_set": name,
@@ -154,7 +157,7 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
         **plain,
         "group": config.constriction_groups[variant.run].model_dump(mode="json"),
         "release_position_um": release,
-        "cell": config.cell.model_dump(mode="json", exclude={"axis", START}),
+        "cell": config.cell.model_dump(mode="json", exclude={"axis"}),
         "flow": config.flow.model_dump(mode="json", include={"viscosity_mPa_s"}),
     }
 
@@ -174,18 +177,18 @@ def replay(row: Mapping[str, Any], tolerance: float, max_rows: int) -> dict[str,
 
     lateral = np.concatenate([[0.0], np.cumsum(row["lateral_steps_um"])])
     last, result = len(lateral) - 1, None
+    control = RunControl(max_rows=max_rows, orbit_tolerance=tolerance)
     for rows in range(1, last + 1):
-        result = analyse_path(lateral[: rows + 1], row["pitch_um"], row["periodicity"], tolerance)
-        settled = rows >= row["periodicity"] and result.status in SETTLED
-        if settled or rows >= max_rows:
+        result = analyse_path(lateral[: rows + 1], row["pitch_um"], row["periodicity"], control)
+        if result.status in SETTLED or rows >= max_rows:
             break
-    if result is None or row["status"] not in (*SETTLED, "period_limit"):
+    if result is None or row["status"] not in (*SETTLED, "undecided"):
         return dict(row)
     share = rows / last
     return {
         **row, "status": result.status, "mode": result.mode, "rows_completed": rows,
         "migration_angle_deg": result.migration_angle_deg,
-        "sigma_orbit_deg": result.sigma_orbit_deg,
+        "angle_low_deg": result.angle_low_deg, "angle_high_deg": result.angle_high_deg,
         "wall_time_s": row["wall_time_s"] * share, "steps": round(row["steps"] * share),
     }  # fmt: skip
 
@@ -264,6 +267,7 @@ def _mean(rows: Sequence[Mapping], quantity: str) -> dict:
         number = average(name)
         return None if number is None else round(number)
 
+    widths = [half_width(row) for row in rows]
     return {
         "values": [v for v in values if v is not None],
         "value": mean(values) if known else None,
@@ -272,7 +276,7 @@ def _mean(rows: Sequence[Mapping], quantity: str) -> dict:
         "mode": "/".join(dict.fromkeys(row.get("mode", "") for row in rows)),
         "status": "/".join(dict.fromkeys(row["status"] for row in rows)),
         "settled": all(row["status"] in SETTLED for row in rows),
-        "sigma_orbit_deg": average("sigma_orbit_deg"),
+        "half_width_deg": None if None in widths else mean(widths),
         "rows": average("rows_completed"), "wall_time_s": average("wall_time_s"),
         "steps": whole("steps"), "nodes": whole("nodes"), "vertices": whole("vertices"),
         "spacing_um": average("spacing_um"),
@@ -309,21 +313,29 @@ def _compared(points: list[dict]) -> list[dict]:
 
 KIND = "dldsim model of the numerical uncertainty"
 MODEL_PATH = Path(__file__).parent / "data" / "sigma_num.json"
-UNSETTLED = "unsettled"
-CLASSES = ("bump", "mixed", "zigzag", UNSETTLED)
+OPEN = ("undecided", "coexisting")
+"""Outcomes whose mode depends on what was not seen, or on the place of entry."""
+NORMAL_95 = 1.96
+"""Half width of a 95 % interval in standard deviations."""
+CLASSES = ("bump", "mixed", "zigzag")
 ONE_SIGMA = 0.6827
 CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s")
 RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 STUDIED_CONTROL = ("max_rows", "orbit_tolerance")
-MODELLED, NOT_STUDIED, EXTRAPOLATED = "modelled", "not studied", "extrapolated"
+MODELLED, NOT_STUDIED, EXTRAPOLATED, SPANS = (
+    "modelled", "not studied", "extrapolated", "spans the modes")
 """How the text beside a σ_num begins."""
 
 
+def half_width(row: Mapping[str, Any]) -> float | None:
+    """Half of the 95 % interval of an angle [°] in a row of `runs` or `outcomes`."""
+    ends = row.get("angle_low_deg"), row.get("angle_high_deg")
+    return None if None in ends else (ends[1] - ends[0]) / 2
+
+
 def class_of(mode: str, status: str) -> str | None:
-    """Class of the model that a run belongs to; None for a run without an angle."""
-    if status == "period_limit":
-        return UNSETTLED if mode != "none" else None
-    return mode if status in SETTLED else None
+    """Class of the model, the mode, of a run or an outcome that is settled; else None."""
+    return mode if status in (*SETTLED, "decided") else None
 
 
 def confidence_factor(runs: int) -> float:
@@ -339,9 +351,9 @@ def confidence_factor(runs: int) -> float:
 def fit_model(pairs: Sequence[tuple[Mapping, Mapping]], config: Config) -> dict[str, Any]:
     """Model of σ_num from rows of `runs` at default settings and at the reference.
 
-    σ_num² = σ_orbit² + (c θ_bump)². For each class c is the root mean square of error / θ_bump
-    times Student's factor for so few runs. The error's own share of σ_orbit is not taken out of c,
-    which is on the safe side. A class without runs has no c.
+    σ_num² = (half width of the 95 % interval / 1.96)² + (c θ_bump)². For each class c is the root
+    mean square of error / θ_bump times Student's factor for so few runs. The error's own share of
+    the interval is not taken out of c, which is on the safe side. A class without runs has no c.
     """
     shares: dict[str, list[float]] = {name: [] for name in CLASSES}
     used = []
@@ -387,18 +399,20 @@ def _error(row: Mapping, reference: Mapping) -> float | None:
 def numerical_uncertainty(
     row: Mapping[str, Any], run_control: Mapping[str, Any], model: Mapping[str, Any] | None
 ) -> tuple[float | None, str]:
-    """σ_num [°] of a row of `runs`, and on what it rests.
+    """σ_num [°] of a row of `outcomes` (or `runs`), and on what it rests.
 
-    None without a model, for another physics version, for numerics or stop criteria other than
-    those studied, and for a class without studied runs: no error was measured there. Under
-    conditions or in arrays beyond the study's there is a value that is called extrapolated.
+    Half a bump angle, beside the interval, for what is undecided or coexisting: σ spans the modes.
+    Else None without a model, for another physics version, for numerics or stop criteria
+    other than those studied, and for a class without studied runs: no error was measured there.
+    Under conditions or in arrays beyond the study's there is a value that is called extrapolated.
     """
-    name = class_of(row["mode"], row["status"])
-    orbit = row["sigma_orbit_deg"]
-    if name is None or row["migration_angle_deg"] is None:
+    half = half_width(row)
+    if row["migration_angle_deg"] is None or half is None:
         return None, "no angle"
-    if orbit is None:
-        return None, f"{NOT_STUDIED}: too few rows to tell how well the motion repeats"
+    interval = half / NORMAL_95
+    if row["status"] in OPEN:
+        sigma = math.hypot(interval, row["bump_angle_deg"] / 2)
+        return sigma, f"{SPANS}: {row['status']}"
     if model is None:
         return None, f"{NOT_STUDIED}: no accuracy study is installed"
     if model["physics_version"] != PHYSICS_VERSION:
@@ -408,9 +422,10 @@ def numerical_uncertainty(
     other = _differing(model["numerics"], numerics) + _differing(model["run_control"], run_control)
     if other:
         return None, f"{NOT_STUDIED}: {', '.join(other)}"
+    name = class_of(row["mode"], row["status"])
     if name not in model["classes"]:
         return None, f"{NOT_STUDIED}: no run of the study is {name}"
-    sigma = math.hypot(orbit, model["classes"][name]["share"] * row["bump_angle_deg"])
+    sigma = math.hypot(interval, model["classes"][name]["share"] * row["bump_angle_deg"])
     beyond = _differing(model["conditions"], row) + [
         f"{key} = {row[key]:g} (studied {low:g} to {high:g})"
         for key, (low, high) in model["ranges"].items() if not low <= row[key] <= high
@@ -425,11 +440,11 @@ def _differing(studied: Mapping, found: Mapping) -> list[str]:
             if found.get(key) != value]
 
 
-def with_uncertainty(runs, run_control: Mapping[str, Any], model: Mapping[str, Any] | None):
-    """A DataFrame of `runs` with its columns sigma_num_deg and sigma_num_basis filled."""
-    rows = runs.astype(object).where(runs.notna(), None).to_dict("records")
+def with_uncertainty(outcomes, run_control: Mapping[str, Any], model: Mapping[str, Any] | None):
+    """A DataFrame of `outcomes` with its columns sigma_num_deg and sigma_num_basis filled."""
+    rows = outcomes.astype(object).where(outcomes.notna(), None).to_dict("records")
     found = [numerical_uncertainty(row, run_control, model) for row in rows]
-    return runs.assign(
+    return outcomes.assign(
         sigma_num_deg=[float("nan") if sigma is None else sigma for sigma, _ in found],
         sigma_num_basis=[basis for _, basis in found],
     )
@@ -453,7 +468,8 @@ def check_rows(
             **{key: row[key] for key in COPIED},
             "reference_angle_deg": reference["migration_angle_deg"],
             "reference_mode": reference["mode"], "reference_status": reference["status"],
-            "reference_sigma_orbit_deg": reference["sigma_orbit_deg"],
+            "half_width_deg": half_width(row),
+            "reference_half_width_deg": half_width(reference),
             "reference_wall_time_s": reference["wall_time_s"],
             "reference_spacing_um": reference["spacing_um"],
             "error_deg": error, "sigma_num_deg": sigma, "sigma_num_basis": basis,
@@ -464,7 +480,7 @@ def check_rows(
 
 COPIED = (
     "pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "mode", "status",
-    "migration_angle_deg", "bump_angle_deg", "sigma_orbit_deg", "wall_time_s", "spacing_um",
+    "migration_angle_deg", "bump_angle_deg", "wall_time_s", "spacing_um",
 )  # fmt: skip
 
 
@@ -516,7 +532,7 @@ def read_model(path: Path = MODEL_PATH) -> dict[str, Any] | None:
 
 
 def model_hash(path: Path = MODEL_PATH) -> str | None:
-    """Hash of the installed model: the runs are gathered anew when another is installed."""
+    """Hash of the installed model: the outcomes are gathered anew when another is installed."""
     model = read_model(path)
     return model and settings_hash(model)
 

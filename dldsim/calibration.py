@@ -89,20 +89,20 @@ def correlations(constriction_runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def join_deformation_index(runs: pd.DataFrame, calibration: pd.DataFrame) -> pd.DataFrame:
-    """Runs with the calibrated deformation index of their stiffness set, mean and scatter.
+def join_deformation_index(outcomes: pd.DataFrame, calibration: pd.DataFrame) -> pd.DataFrame:
+    """Outcomes with the calibrated deformation index of their stiffness set, mean and scatter.
 
     Null where the calibration of a set failed. Raises DldsimError if a stiffness set is calibrated
     by no group or by several.
     """
-    _check_columns(runs, ["stiffness_set"])
+    _check_columns(outcomes, ["stiffness_set"])
     _check_columns(calibration, ["stiffness_set", DEFORMATION, "deformation_index_std"])
     named = calibration[calibration["stiffness_set"].fillna("") != ""]
     names = named["stiffness_set"].astype(str)
     doubled = sorted(names[names.duplicated()])
     if doubled:
         raise DldsimError(f"Calibration: several groups calibrate stiffness set {doubled[0]}.")
-    wanted = runs["stiffness_set"].astype(str)
+    wanted = outcomes["stiffness_set"].astype(str)
     missing = sorted(set(wanted) - set(names))
     if missing:
         raise DldsimError(
@@ -111,7 +111,7 @@ def join_deformation_index(runs: pd.DataFrame, calibration: pd.DataFrame) -> pd.
             "stiffness_set to constriction_groups."
         )
     by_set = named.set_index(names)
-    return runs.assign(
+    return outcomes.assign(
         **{name: wanted.map(by_set[name]).astype(float)
            for name in (DEFORMATION, "deformation_index_std")}
     )

@@ -1,4 +1,4 @@
-"""What a campaign consists of: identifiers, geometries, runs, seeds, crash records.
+"""What a campaign consists of: identifiers, geometries, outcomes, seeds, crash records.
 
 Rule files import this module in every job, so it imports nothing heavy.
 """
@@ -16,11 +16,12 @@ from dldsim.config import Config, Geometry, check_gap, validate
 from dldsim.errors import DldsimError
 
 GEOMETRY_PATTERN = r"r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+"
-RUN_PATTERN = GEOMETRY_PATTERN + r"_s[A-Za-z0-9-]+"
+OUTCOME_PATTERN = GEOMETRY_PATTERN + r"_s[A-Za-z0-9-]+"
+RUN_PATTERN = OUTCOME_PATTERN + r"_y\d\.\d\d+"
 
 
-class Run(NamedTuple):
-    """One simulation of the campaign: a geometry and the name of a stiffness set."""
+class Pair(NamedTuple):
+    """What an outcome is of: a geometry and the name of a stiffness set."""
 
     geometry: Geometry
     stiffness_set: str
@@ -60,21 +61,46 @@ def parse_geometry(text: str) -> Geometry:
     raise DldsimError(f"{text!r} is not a geometry identifier such as r06.0_g18.0_n08.")
 
 
-def run_id(run: Run) -> str:
+def outcome_id(pair: Pair) -> str:
     """Identifier such as r06.0_g18.0_n08_s3."""
-    if not re.fullmatch(r"[A-Za-z0-9-]+", run.stiffness_set):
+    if not re.fullmatch(r"[A-Za-z0-9-]+", pair.stiffness_set):
         raise DldsimError(
-            f"Stiffness set {run.stiffness_set!r}: a name has letters, digits and hyphens only."
+            f"Stiffness set {pair.stiffness_set!r}: a name has letters, digits and hyphens only."
         )
-    return f"{geometry_id(run.geometry)}_s{run.stiffness_set}"
+    return f"{geometry_id(pair.geometry)}_s{pair.stiffness_set}"
 
 
-def parse_run(text: str) -> Run:
-    """The inverse of `run_id`."""
+def parse_outcome(text: str) -> Pair:
+    """The inverse of `outcome_id`."""
     geometry, found, name = text.rpartition("_s")
-    if not found or not re.fullmatch(RUN_PATTERN, text):
-        raise DldsimError(f"{text!r} is not a run identifier such as r06.0_g18.0_n08_s3.")
-    return Run(parse_geometry(geometry), name)
+    if not found or not re.fullmatch(OUTCOME_PATTERN, text):
+        raise DldsimError(f"{text!r} is not an outcome identifier such as r06.0_g18.0_n08_s3.")
+    return Pair(parse_geometry(geometry), name)
+
+
+def run_id(outcome: str, release_gap_fraction: float) -> str:
+    """Identifier of one release of an outcome, such as r06.0_g18.0_n08_s3_y0.50.
+
+    Raises DldsimError for a place outside 0 to 1 or of more than three decimals.
+    """
+    whole, decimals = f"{release_gap_fraction:.3f}".split(".")
+    text = f"{whole}.{decimals[:2]}{decimals[2:].rstrip('0')}"
+    if not 0 <= release_gap_fraction <= 1 or float(text) != release_gap_fraction:
+        raise DldsimError(
+            f"No identifier for release_gap_fraction = {release_gap_fraction!r}: a place is 0 to "
+            "1, of at most three decimals. Round it."
+        )
+    return f"{outcome}_y{text}"
+
+
+def parse_run(text: str) -> tuple[str, float]:
+    """The inverse of `run_id`: outcome identifier and place of release."""
+    outcome, _, place = text.rpartition("_y")
+    if re.fullmatch(RUN_PATTERN, text) and float(place) <= 1:
+        parse_outcome(outcome)
+        if run_id(outcome, float(place)) == text:
+            return outcome, float(place)
+    raise DldsimError(f"{text!r} is not a run identifier such as r06.0_g18.0_n08_s3_y0.50.")
 
 
 def geometries(config: Config) -> list[Geometry]:
@@ -97,10 +123,10 @@ def _feasible(config: Config) -> Iterator[Geometry]:
                 yield geometry
 
 
-def runs(config: Config) -> list[Run]:
-    """The simulations of the sweep, in order of their identifiers."""
+def outcomes(config: Config) -> list[Pair]:
+    """The pairs of array and cell of the sweep, in order of their identifiers."""
     sets = config.sweep.stiffness_sets
-    return sorted((Run(g, s) for g in geometries(config) for s in sets), key=run_id)
+    return sorted((Pair(g, s) for g in geometries(config) for s in sets), key=outcome_id)
 
 
 GROUP_VELOCITY, FIXED_VELOCITY = "group-velocity", "fixed-velocity"
@@ -178,13 +204,21 @@ def check_stamp(directory: Path) -> None:
 
 
 def closing_sentence(directory: Path) -> str:
-    """Where the results are, which runs have none, and which validation cases fail."""
+    """Where the results are, which outcomes have no angle or an open one, and which validation
+    cases fail."""
     sentence = f"Done: {directory}/"
-    if rows := _read_csv(Path(directory) / "runs.csv"):
-        broken = [f"{row['run_id']} ({row['status']}: {row['stop_reason']})" for row in rows
+    if rows := _read_csv(Path(directory) / "outcomes.csv"):
+        broken = [f"{row['outcome_id']} ({row['status']}: {row['stop_reason']})" for row in rows
                   if row["status"] in ("stuck", "unstable", "failed")]
-        sentence += f", all {len(rows)} runs." if not broken else (
-            f", but {len(broken)} of {len(rows)} runs have no angle:\n  " + "\n  ".join(broken))
+        sentence += f", all {len(rows)} outcomes." if not broken else (
+            f", but {len(broken)} of {len(rows)} outcomes have no angle:\n  "
+            + "\n  ".join(broken))
+        for status, meaning in (
+            ("undecided", "had not settled when their rows were spent"),
+            ("coexisting", "depend on the place where the cell enters"),
+        ):
+            if count := sum(row["status"] == status for row in rows):
+                sentence += f"\n{count} of {len(rows)} are {status}: they {meaning}."
     if rows := _read_csv(Path(directory) / "validation.csv"):
         failing = sorted({row["case"] for row in rows if row["passed"] == "false"})
         cases = len({row["case"] for row in rows})

@@ -61,8 +61,8 @@ class Stiffness(Section):
     kvisc_nN_s_per_m: float = Field(ge=0, description="Kelvin–Voigt edge dashpot k_visc")
 
 
-class Cell(Section):
-    """Shape at rest and release of the cell."""
+class CellShape(Section):
+    """Shape at rest of the cell, and how it is turned at release."""
 
     shape: Literal["biconcave", "sphere", "ellipsoid"] = Field(
         "biconcave", description="rest shape; biconcave is the Evans–Fung profile"
@@ -74,6 +74,11 @@ class Cell(Section):
     axis: Literal["x", "y", "z"] = Field(
         "y", description="direction of the symmetry axis at release (x along the flow, z height)"
     )
+
+
+class Cell(CellShape):
+    """A cell with the place at which one run releases it."""
+
     release_gap_fraction: float = Field(
         0.5,
         ge=0,
@@ -135,14 +140,40 @@ class Numerics(Section):
     contact_range_um: float = Field(0.5, ge=0, description="reach r_c of the contact repulsion")
 
 
-class RunControl(Section):
-    """When a run records and when it stops."""
+def _thousandths(value: float) -> float:
+    """Refuse a length that run ids cannot carry."""
+    if not math.isclose(value, round(value, 3), rel_tol=0, abs_tol=1e-9):
+        raise ValueError("at most three decimals (run ids carry no more)")
+    return round(value, 3)
 
-    max_rows: int = Field(50, ge=2, description="most rows that a cell is followed")
+
+Place = Annotated[float, Field(ge=0, le=1), AfterValidator(_thousandths)]
+
+
+class RunControl(Section):
+    """Where runs begin, when they record and when they stop."""
+
+    max_rows: int = Field(50, ge=2, description="most rows that a cell is followed from a release")
     orbit_tolerance: float = Field(
         0.03, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
     )
     records_per_row: int = Field(20, ge=4, description="trajectory samples per row")
+    release_gap_fractions: list[Place] = Field(
+        [0.5, 0.2, 0.8],
+        min_length=1,
+        description="places of release of an outcome in the order of use, height of the centre "
+        "above the lower pillar of its gap / P_g; 0.5 is the source's",
+    )
+    outcome_rows_max: int = Field(
+        150, ge=2, description="most rows over all releases of an outcome; then it is undecided"
+    )
+
+    @field_validator("release_gap_fractions")
+    @classmethod
+    def _distinct(cls, places: list[float]) -> list[float]:
+        if len(set(places)) < len(places):
+            raise ValueError("each place once")
+        return places
 
 
 class Constriction(Section):
@@ -223,13 +254,6 @@ class Device(Section):
         if len(set(layers)) < len(layers):
             raise ValueError("every layer_… another number")
         return self
-
-
-def _thousandths(value: float) -> float:
-    """Refuse a length that run ids cannot carry."""
-    if not math.isclose(value, round(value, 3), rel_tol=0, abs_tol=1e-9):
-        raise ValueError("at most three decimals (run ids carry no more)")
-    return round(value, 3)
 
 
 Length = Annotated[float, Field(gt=0, lt=1000), AfterValidator(_thousandths)]
@@ -388,7 +412,7 @@ class Verification(Section):
         True, description="simulate the best design at ± height_tolerance_um too"
     )
     exports: int = Field(1, ge=0, description="best verified designs whose files are written")
-    runs_max: int = Field(20, ge=2, description="runs at most")
+    outcomes_max: int = Field(20, ge=2, description="outcomes at most, two for each array")
 
 
 class Fabrication(Section):
@@ -537,7 +561,7 @@ class Config(Section):
     preset: str = Field("quick", description="name of the preset in force")
     seed: int = Field(1, ge=0, description="seed of everything random")
     sweep: Sweep
-    cell: Cell = Cell()
+    cell: CellShape = CellShape()
     flow: Flow = Flow()
     numerics: Numerics = Numerics()
     run_control: RunControl = RunControl()
@@ -554,6 +578,16 @@ class Config(Section):
     fabrication: Fabrication = Fabrication()
     accuracy: Accuracy = Accuracy()
     reference: Reference = Reference()
+
+    @field_validator("cell", mode="before")
+    @classmethod
+    def _no_place(cls, cell: Any) -> Any:
+        if isinstance(cell, Mapping) and "release_gap_fraction" in cell:
+            raise ValueError(
+                "no release_gap_fraction here: a campaign releases its cells at "
+                "run_control.release_gap_fractions"
+            )
+        return cell
 
     @model_validator(mode="after")
     def _known_names(self) -> "Config":
@@ -607,7 +641,8 @@ class Config(Section):
 
 
 CELL_NUMERICS = {
-    "coupling", "time_step", "reynolds_max", "kernel", "edge_to_spacing", "friction_nN_s_per_m", "contact_range_um",
+    "coupling", "time_step", "reynolds_max", "kernel", "edge_to_spacing", "friction_nN_s_per_m",
+    "contact_range_um",
 }  # fmt: skip
 """The numerics that a flow without cell does not depend on."""
 
@@ -626,7 +661,7 @@ def check_gap(geometry: Geometry, safety_distance_um: float) -> None:
         )
 
 
-def _area_and_volume(cell: Cell) -> tuple[float, float]:
+def _area_and_volume(cell: CellShape) -> tuple[float, float]:
     """Area / R² and volume / R³ of the rest shape."""
     if cell.shape == "biconcave":  # Evans & Fung (1972): 134.1 µm², 94.1 µm³ at R = 3.91 µm
         return 134.1 / 3.91**2, 94.1 / 3.91**3
@@ -636,7 +671,7 @@ def _area_and_volume(cell: Cell) -> tuple[float, float]:
     return 2 * math.pi * (1 + side), 4 / 3 * math.pi * q
 
 
-def smallest_passable_um(cell: Cell) -> float:
+def smallest_passable_um(cell: CellShape) -> float:
     """Diameter of the narrowest tube that the cell fits through [µm], a rough lower limit for gaps.
 
     A membrane keeps its volume and resists growth of its area, so the thinnest it can become is a
@@ -657,7 +692,7 @@ def smallest_passable_um(cell: Cell) -> float:
     return 2 * high * cell.radius_um
 
 
-def check_passable(geometry: Geometry, cell: Cell, height_um: float = 0.0) -> None:
+def check_passable(geometry: Geometry, cell: CellShape, height_um: float = 0.0) -> None:
     """Refuse a gap, or a channel height other than 0, that the squeezed cell cannot pass."""
     least = smallest_passable_um(cell)
     for name, value in (("gap_um", geometry.gap_um), ("height_um", height_um or math.inf)):

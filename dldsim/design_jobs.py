@@ -11,7 +11,7 @@ import pandas as pd
 from dldsim import campaign, surrogate
 from dldsim.calibration import join_deformation_index
 from dldsim.config import (
-    Cell,
+    CellShape,
     DesignRequest,
     Device,
     Flow,
@@ -37,9 +37,9 @@ from dldsim.tables import (
 )
 from dldsim.trajectory import mode_of
 from dldsim.verification import (
-    Outcome,
     Scene,
     Simulator,
+    Verdicts,
     conditions,
     export,
     make_populations,
@@ -55,7 +55,7 @@ SEARCH = (
 
 CAMPAIGN_DATA = Path(__file__).parent / "data" / "campaign"
 """Tables and surrogate of the campaign that comes with the package."""
-KEPT = ("runs", "calibration", "flows")
+KEPT = ("outcomes", "runs", "calibration", "flows")
 
 
 def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | None) -> DesignRequest:
@@ -131,71 +131,71 @@ def regret_job(settings: Mapping, *, table: Path, **paths: Path) -> None:
 
 def scene_of(settings: Mapping) -> Scene:
     """The campaign's cell, flow, numerics and run control."""
-    return Scene(Cell(**settings["cell"]), Flow(**settings["flow"]),
+    return Scene(CellShape(**settings["cell"]), Flow(**settings["flow"]),
                  Numerics(**settings["numerics"]), RunControl(**settings["run_control"]))
 
 
 def verify_request(
     request: DesignRequest, settings: Mapping, chip: Chip, model: surrogate.Surrogate,
     tables: Mapping[str, pd.DataFrame], *, work: Path, files: Path, progress: Progress | None,
-) -> Outcome:
+) -> Verdicts:
     """Verify the designs of one request by simulation and write their files.
 
     ``settings``: sections of the configuration, `seed` and `verification` among them; ``tables``:
-    `runs` and `calibration`; ``work``: where finished runs are kept; ``files``: folder of the
+    `outcomes` and `calibration`; ``work``: where finished ones are kept; ``files``: folder of the
     designs' files.
     """
     scene = scene_of(settings)
-    conditions(tables["runs"], scene)
+    conditions(tables["outcomes"], scene)
     resolved = by_deformation_index(request, tables["calibration"])
     sets = {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()}
     populations = make_populations(request, resolved, tables["calibration"], sets)
     budget = Verification(**settings["verification"])
     simulator = Simulator(work, scene, progress)
-    outcome = verify(
-        model, tables["runs"], resolved, chip, budget, populations, simulator,
+    verdicts = verify(
+        model, tables["outcomes"], resolved, chip, budget, populations, simulator,
         campaign.derive_seed(settings["seed"], f"verify/{request.name}"),
         resistance=simulator.resistance, progress=progress,
     )  # fmt: skip
     Path(files).mkdir(parents=True, exist_ok=True)
-    export(outcome, resolved, chip, simulator, budget.exports, files,
+    export(verdicts, resolved, chip, simulator, budget.exports, files,
            provenance(settings, settings["seed"]), model.card)
-    return outcome
+    return verdicts
 
 
 def verify_job(
-    name: str, settings: Mapping, *, runs: Path, verifications: Path, designs: Path, added: Path,
-    files: Path, work: Path, progress: Progress, **paths: Path,
+    name: str, settings: Mapping, *, outcomes: Path, verifications: Path, designs: Path,
+    added: Path, files: Path, work: Path, progress: Progress, **paths: Path,
 ) -> None:
-    """Verification of one request: its rows of `verifications`, `verified_designs` and `runs`."""
+    """Verification of one request: rows of `verifications`, `verified_designs` and `outcomes`."""
     inputs = _inputs(settings, **paths)
     [request] = [r for r in inputs.requests if r.name == name]
-    tables = {"runs": read_table("runs", runs), "calibration": inputs.calibration}
-    outcome = verify_request(request, settings, inputs.chip, inputs.model, tables, work=work,
-                             files=files, progress=progress)
+    tables = {"outcomes": read_table("outcomes", outcomes), "calibration": inputs.calibration}
+    verdicts = verify_request(request, settings, inputs.chip, inputs.model, tables, work=work,
+                              files=files, progress=progress)
     about = provenance(settings, settings["seed"])
-    measured = [row for row in outcome.rows.values() if row["status"] != "failed"]
+    measured = [row for row in verdicts.rows.values() if row["status"] != "failed"]
     for kind, table, path in (
-        ("verifications", plain(outcome.verifications), verifications),
-        ("verified_designs", plain(outcome.designs), designs),
-        ("runs", measured or _empty("runs"), added),
+        ("verifications", plain(verdicts.verifications), verifications),
+        ("verified_designs", plain(verdicts.designs), designs),
+        ("outcomes", measured or _empty("outcomes"), added),
     ):  # fmt: skip
         write_table(kind, table or _empty(kind), path, about)
 
 
 def gather_verified(
     settings: Mapping, *, verifications: Iterable[Path], designs: Iterable[Path],
-    added: Iterable[Path], runs: Path, tables: Mapping[str, Path], model: Path, card: Path,
+    added: Iterable[Path], outcomes: Path, tables: Mapping[str, Path], model: Path, card: Path,
 ) -> None:
-    """Tables of all requests, and the surrogate refitted to the campaign's and all verifying runs.
+    """Tables of all requests, and the surrogate refitted to all outcomes, verifying ones among them.
 
-    ``tables``: paths of `verifications`, `verified_designs` and `runs`.
+    ``tables``: paths of `verifications`, `verified_designs` and `outcomes`.
     """
     about = provenance(settings, settings["seed"])
-    learnt = read_many("runs", [runs, *added])
+    learnt = read_many("outcomes", [outcomes, *added])
     for kind, table in (
         ("verifications", read_many("verifications", verifications)),
-        ("verified_designs", read_many("verified_designs", designs)), ("runs", learnt),
+        ("verified_designs", read_many("verified_designs", designs)), ("outcomes", learnt),
     ):  # fmt: skip
         write_table(kind, table, tables[kind], about)
         write_csv(kind, tables[kind])
@@ -213,20 +213,20 @@ class Campaign(NamedTuple):
 
 
 def read_campaign(directory: Path, device: Device, safety_distance_um: float) -> Campaign:
-    """Runs, calibration and surrogate in a folder, and flows if they are there.
+    """Outcomes, calibration and surrogate in a folder, and flows if they are there.
 
-    Raises DldsimError if a file is missing or damaged, or if the surrogate was learnt from others
-    than these runs.
+    Raises DldsimError if a file is missing, damaged or of another physics version, or if the
+    surrogate was learnt from others than these outcomes.
     """
     directory = Path(directory)
     tables = {kind: read_table(kind, directory / f"{kind}.parquet")
-              for kind in ("runs", "calibration")}
+              for kind in ("outcomes", "calibration")}
     flows = directory / "flows.parquet"
     if flows.exists():
         tables["flows"] = read_table("flows", flows)
     model = surrogate.load(directory / "surrogate.json", directory / "surrogate_card.json")
-    check_model(model, tables["runs"], directory)
-    about = describe(directory / "runs.parquet")["provenance"]["settings"]
+    check_model(model, tables["outcomes"], directory)
+    about = describe(directory / "outcomes.parquet")["provenance"]["settings"]
     return make_campaign(tables, model, about.get("run_control"), device, safety_distance_um)
 
 
@@ -234,11 +234,11 @@ def make_campaign(
     tables: dict[str, pd.DataFrame], model: surrogate.Surrogate, run_control: Mapping | None,
     device: Device, safety_distance_um: float,
 ) -> Campaign:
-    """A campaign of tables in memory: `runs`, and `calibration` and `flows` if there are any.
+    """A campaign of tables in memory: `outcomes`, and `calibration` and `flows` if there are any.
 
-    Raises DldsimError for runs of several conditions.
+    Raises DldsimError for outcomes of several conditions.
     """
-    settings = settings_of_runs(tables["runs"], tables.get("flows"))
+    settings = settings_of_outcomes(tables["outcomes"], tables.get("flows"))
     settings["run_control"] = dict(run_control or RunControl().model_dump())
     settings |= {"device": device.model_dump(), "safety_distance_um": safety_distance_um}
     return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
@@ -249,24 +249,24 @@ MEASURED = "measured"
 
 
 def with_measurements(
-    runs: pd.DataFrame, measurements: Sequence[Mapping[str, Any]], *, height_um: float,
+    outcomes: pd.DataFrame, measurements: Sequence[Mapping[str, Any]], *, height_um: float,
     mean_velocity_mm_s: float,
 ) -> pd.DataFrame:
-    """The table of runs with measured angles below, to be learnt from like runs.
+    """The table of outcomes with measured angles below, to be learnt from like outcomes.
 
     A measurement has the keys of INPUTS and `migration_angle_deg`; of a measured row all other
     columns but the conditions are null. A measured array counts as an array of its own in the
     surrogate's intervals if its size differs from those simulated.
 
-    Raises DldsimError for another height or velocity than the runs', which the surrogate does not
-    know, and for angles that no array of that periodicity can cause.
+    Raises DldsimError for another height or velocity than the outcomes', which the surrogate does
+    not know, and for angles that no array of that periodicity can cause.
     """
     conditions_ = {"height_um": height_um, "mean_velocity_mm_s": mean_velocity_mm_s}
     for name, value in conditions_.items():
-        known = runs[name].unique()
+        known = outcomes[name].unique()
         if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
             raise DldsimError(
-                f"Measurements: {name} = {value:g}, the runs have "
+                f"Measurements: {name} = {value:g}, the outcomes have "
                 f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: measure "
                 "there, or simulate a campaign at this value."
             )
@@ -282,15 +282,15 @@ def with_measurements(
             )
         rows.append({
             **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},
-            "run_id": f"measured-{i:04d}", "stiffness_set": MEASURED, "status": MEASURED,
+            "outcome_id": f"measured-{i:04d}", "stiffness_set": MEASURED, "status": MEASURED,
             "stop_reason": "", "mode": mode_of(angle, 1 / given["periodicity"]),
             "pitch_um": 2 * given["pillar_radius_um"] + given["gap_um"],
             "row_shift_fraction": 1 / given["periodicity"], "bump_angle_deg": bump,
-            "cell_shape": runs["cell_shape"].iloc[0], **{n: runs[n].iloc[0] for n in conditions_},
+            **{n: outcomes[n].iloc[0] for n in ("cell_shape", *conditions_)},
             "sigma_num_basis": "measured",
         })  # fmt: skip
-    return pd.concat([runs, pd.DataFrame(rows, columns=runs.columns).astype(
-        {name: kind for name, kind in runs.dtypes.items() if kind.kind == "f"})],
+    return pd.concat([outcomes, pd.DataFrame(rows, columns=outcomes.columns).astype(
+        {name: kind for name, kind in outcomes.dtypes.items() if kind.kind == "f"})],
         ignore_index=True)  # fmt: skip
 
 
@@ -317,30 +317,30 @@ def keep_campaign(results: Path, directory: Path = CAMPAIGN_DATA) -> None:
             part.write_bytes((Path(results) / name).read_bytes())
 
 
-def check_model(model: surrogate.Surrogate, runs: pd.DataFrame, place: Path) -> None:
-    """Refuse a surrogate that was learnt from other runs. Raises DldsimError."""
-    if surrogate._data_hash(surrogate.learnable(runs)) != model.card["data"]["sha256"]:
+def check_model(model: surrogate.Surrogate, outcomes: pd.DataFrame, place: Path) -> None:
+    """Refuse a surrogate that was learnt from other outcomes. Raises DldsimError."""
+    if surrogate._data_hash(surrogate.learnable(outcomes)) != model.card["data"]["sha256"]:
         raise DldsimError(
-            f"{place}: the surrogate was learnt from other runs than those of runs.parquet there. "
-            "Fit it anew: `snakemake -j2 surrogate`."
+            f"{place}: the surrogate was learnt from other outcomes than those of outcomes.parquet "
+            "there. Fit it anew: `snakemake -j2 surrogate`."
         )
 
 
-def settings_of_runs(runs: pd.DataFrame, flows: pd.DataFrame | None = None) -> dict[str, Any]:
-    """Sections cell, flow, numerics and stiffness_sets as a table of runs tells them.
+def settings_of_outcomes(
+    outcomes: pd.DataFrame, flows: pd.DataFrame | None = None
+) -> dict[str, Any]:
+    """Sections cell, flow, numerics and stiffness_sets as a table of outcomes tells them.
 
-    The viscosity is that of the capillary number Ca = μU/k_s. The time step is the longest of all
-    runs: a membrane that needs a shorter one gets it again. Raises DldsimError for mixed runs.
+    The viscosity is that of the capillary number Ca = μU/k_s. Raises DldsimError for mixed ones.
     """
-    for name in ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s"):
-        if runs[name].nunique() != 1:
-            raise DldsimError(f"The table of runs mixes several values of {name}: designs are made "
-                              "from runs of one cell, channel and velocity.")
-    done = runs[runs["capillary_number"].notna()]
+    for name in ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s", "numerics",
+                 "release_axis"):
+        if outcomes[name].nunique() != 1:
+            raise DldsimError(f"The table of outcomes mixes several values of {name}: designs are "
+                              "made from outcomes of one cell, channel and velocity.")
+    done = outcomes[outcomes["capillary_number"].notna()]
     if done.empty:
-        raise DldsimError("The table of runs has no run that was simulated.")
-    rows = [json.loads(text) for text in done["numerics"]]
-    numerics = max(rows, key=lambda row: row["velocity_lu"])
+        raise DldsimError("The table of outcomes has no run that was simulated.")
     first = done.iloc[0]
     velocity = float(first["mean_velocity_mm_s"])
     viscosity = float(first["capillary_number"] * first["ks_uN_per_m"] / velocity)
@@ -348,15 +348,15 @@ def settings_of_runs(runs: pd.DataFrame, flows: pd.DataFrame | None = None) -> d
     names = list(Stiffness.model_fields)
     sets = done.drop_duplicates("stiffness_set").set_index("stiffness_set")[names]
     return {
-        "cell": Cell(
+        "cell": CellShape(
             shape=first["cell_shape"], radius_um=float(first["cell_radius_um"]),
-            axis=numerics["release_axis"], release_gap_fraction=numerics["release_gap_fraction"],
+            axis=first["release_axis"],
         ).model_dump(),
         "flow": Flow(
             mean_velocity_mm_s=velocity, viscosity_mPa_s=round(viscosity, 9),
             height_um=float(first["height_um"]), drive=drive,
         ).model_dump(),
-        "numerics": {key: numerics[key] for key in Numerics.model_fields},
+        "numerics": Numerics(**json.loads(first["numerics"])).model_dump(),
         "stiffness_sets": {str(k): {n: float(v) for n, v in row.items()}
                            for k, row in sets.iterrows()},
     }  # fmt: skip
@@ -395,16 +395,17 @@ def make_designs(
     return Made(request, resolved, settings, found)
 
 
-def write_designs(made: Made, known: Campaign, directory: Path, outcome: Outcome | None = None
-                  ) -> list[Path]:
+def write_designs(
+    made: Made, known: Campaign, directory: Path, verdicts: Verdicts | None = None
+) -> list[Path]:
     """Tables with CSV twins, `files/NAME-candidate-K.*` of every candidate, and `report.html`.
 
     Of the first candidate's mask there is a picture, too.
-    ``outcome``: of `verify_request`, which writes the files of the simulated designs itself.
+    ``verdicts``: of `verify_request`, which writes the files of the simulated designs itself.
     Returns what was written, CSV twins left out.
     """
     directory = Path(directory)
-    written = write_tables(made.found, outcome, directory, made.about)
+    written = write_tables(made.found, verdicts, directory, made.about)
     for _, design in made.found.designs.iterrows():
         name = f"{made.request.name}-candidate-{design['design']}"
         files = export_design(name, design.to_dict(), made.resolved, known.chip.device,
@@ -417,13 +418,13 @@ def write_designs(made: Made, known: Campaign, directory: Path, outcome: Outcome
     return [*written, directory / "report.html"]
 
 
-def write_tables(found: Found, outcome: Outcome | None, directory: Path, about: Mapping[str, Any]
+def write_tables(found: Found, verdicts: Verdicts | None, directory: Path, about: Mapping[str, Any]
                  ) -> list[Path]:
     """Tables of a search, and of its verification, with CSV twins; returns the Parquet files."""
     tables = dict(zip(SEARCH, found, strict=True))
-    if outcome is not None:
-        tables |= {"verifications": plain(outcome.verifications),
-                   "verified_designs": plain(outcome.designs)}
+    if verdicts is not None:
+        tables |= {"verifications": plain(verdicts.verifications),
+                   "verified_designs": plain(verdicts.designs)}
     paths = []
     for kind, table in tables.items():
         path = Path(directory) / f"{kind}.parquet"

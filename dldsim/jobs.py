@@ -1,22 +1,24 @@
-"""One simulation, one pair of files: what the campaign's jobs and the commands share.
+"""One simulation, its files: what the campaign's jobs and the commands share.
 
 In a campaign a crash (an exception) becomes a row of status "failed"; see :mod:`dldsim.campaign`.
 """
 
 import contextlib
 import json
+import shutil
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
 from dldsim import accuracy, campaign
 from dldsim.config import (
     Cell,
+    CellShape,
     Config,
     Constriction,
     ConstrictionGroup,
@@ -27,7 +29,15 @@ from dldsim.config import (
     Stiffness,
 )
 from dldsim.errors import DldsimError
-from dldsim.tables import COLUMNS, atomic_path, read_rows, write_csv, write_table
+from dldsim.tables import (
+    COLUMNS,
+    atomic_path,
+    describe,
+    read_columns,
+    read_rows,
+    write_csv,
+    write_table,
+)
 
 Progress = Callable[[str], None]
 
@@ -98,41 +108,120 @@ def flow_row(result) -> dict:
     return {"stop_reason": "the mean velocity is steady", **result.summary()}
 
 
-def run_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Path, row: Path,
-            trajectory: Path, crashes: Path, progress: Progress) -> None:
-    """One run of the campaign: `row` of `runs`, and its `trajectory`."""
-    run = campaign.parse_run(identifier)
+class Partial:
+    """Finished releases of an outcome under way, in a folder of their own until it is written.
+
+    A stop then costs at most the release under way. What was made with other settings is not used.
+    """
+
+    def __init__(self, directory: Path, outcome: str, settings: Mapping):
+        self.directory, self.outcome, self.about = Path(directory), outcome, provenance(settings)
+
+    def _files(self, place: float) -> tuple[Path, Path]:
+        name = campaign.run_id(self.outcome, place)
+        return (self.directory / f"{name}.run.parquet",
+                self.directory / f"{name}.trajectory.parquet")
+
+    def keep(self, place: float, result) -> None:
+        """Write a RunResult; its row last, which says that all of it is there."""
+        row, trajectory = self._files(place)
+        write_table("trajectory", result.trajectory, trajectory, self.about)
+        write_table("runs", [result.row], row, self.about)
+
+    def finished(self, places: Iterable[float]) -> dict[float, Any]:
+        """The RunResults that are there, by place."""
+        from dldsim.simulation import RunResult
+
+        found = {}
+        for place in places:
+            row, trajectory = self._files(place)
+            if all(made_with(path, self.about["config_hash"]) for path in (row, trajectory)):
+                columns = read_columns("trajectory", trajectory)
+                path = {name: columns[name].to_numpy() for name in columns.column_names}
+                found[place] = RunResult(read_rows("runs", row)[0], path)
+        return found
+
+    def remove(self) -> None:
+        shutil.rmtree(self.directory, ignore_errors=True)
+
+
+def made_with(path: Path, digest: str) -> bool:
+    """Whether a table exists, is readable, of this physics, and made with these settings."""
+    try:
+        about = describe(path)
+        read_columns(about["kind"], path)
+    except DldsimError:
+        return False
+    return about["provenance"]["config_hash"] == digest
+
+
+class OutcomeFiles(NamedTuple):
+    """Tables of one outcome: its row of `outcomes`, its `runs`, the `trajectory` of all releases.
+    """
+
+    outcome: Path
+    runs: Path
+    trajectory: Path
+
+
+def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Path,
+                files: OutcomeFiles, partial: Path, crashes: Path, progress: Progress) -> None:
+    """One outcome of the campaign: as many releases as it takes; finished ones wait in `partial`.
+    """
+    pair = campaign.parse_outcome(identifier)
+    control = RunControl(**settings["run_control"])
+    sections = (pair.geometry, Stiffness(**settings["stiffness"]), CellShape(**settings["cell"]),
+                Flow(**settings["flow"]), Numerics(**settings["numerics"]))
+    kept = Partial(partial, identifier, settings)
 
     def simulate() -> None:
         [start] = read_rows("flows", flow_row)
         if start["status"] == "failed":
             raise DldsimError(f"The flow without a cell failed: {start['stop_reason']}")
         from dldsim.flow import EmptyFlow
-        from dldsim.simulation import simulate_run
+        from dldsim.simulation import simulate_outcome
 
-        result = simulate_run(
-            run.geometry, Stiffness(**settings["stiffness"]), Cell(**settings["cell"]),
-            Flow(**settings["flow"]), Numerics(**settings["numerics"]),
-            RunControl(**settings["run_control"]), run_id=identifier,
-            stiffness_set=run.stiffness_set, empty_flow=EmptyFlow.load(flow), progress=progress,
+        result = simulate_outcome(
+            *sections, control, outcome_id=identifier, stiffness_set=pair.stiffness_set,
+            empty_flow=EmptyFlow.load(flow), keep=kept.keep, progress=progress,
+            finished=kept.finished(control.release_gap_fractions),
         )  # fmt: skip
-        write_run(result, row, trajectory, settings)
+        write_outcome(result, files, settings)
+        kept.remove()
 
     def give_up(reason: str) -> None:
-        write_failed_run(identifier, settings, reason, row, trajectory)
+        from dldsim.simulation import known_of
+
+        geometry, stiffness, *rest = sections
+        known = known_of(identifier, geometry, stiffness, pair.stiffness_set, *rest)
+        done = kept.finished(control.release_gap_fractions).values()
+        known |= {"mode": "none", "sigma_num_basis": "no angle", "left_out": "",
+                  "releases": len(done), "rows_total": sum(r.row["rows_completed"] for r in done)}
+        about = provenance(settings)
+        write_table("trajectory", _empty("trajectory"), files.trajectory, about)
+        write_table("runs", [r.row for r in done] or _empty("runs"), files.runs, about)
+        write_table("outcomes", [_failed("outcomes", known, reason)], files.outcome, about)
 
     _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def write_outcome(result, files: OutcomeFiles, settings: Mapping) -> None:
+    """Write the tables of an OutcomeResult, its row last."""
+    about = provenance(settings)
+    write_table("trajectory", result.trajectory(), files.trajectory, about)
+    write_table("runs", result.rows(), files.runs, about)
+    write_table("outcomes", [{**NOT_JOINED, **result.row}], files.outcome, about)
+
+
+NOT_JOINED = {"deformation_index": None, "deformation_index_std": None, "sigma_num_deg": None,
+              "sigma_num_basis": "not joined yet"}
+"""Columns of `outcomes` that are filled when the outcomes are gathered."""
 
 
 def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
     """Write the two tables of a RunResult."""
     write_table("trajectory", result.trajectory, trajectory, provenance(settings))
-    write_table("runs", [{**NOT_JOINED, **result.row}], row, provenance(settings))
-
-
-NOT_JOINED = {"deformation_index": None, "deformation_index_std": None, "sigma_num_deg": None,
-              "sigma_num_basis": "not joined yet"}
-"""Columns of `runs` that are filled when the runs are gathered."""
+    write_table("runs", [result.row], row, provenance(settings))
 
 
 def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path,
@@ -150,9 +239,9 @@ def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path
             result = simulate_run(
                 Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]), cell, flow,
                 numerics, RunControl(**settings["run_control"]), run_id=identifier,
-                stiffness_set=settings["stiffness_set"], progress=progress,
-            )  # fmt: skip
-            result = {**NOT_JOINED, **result.row}
+                outcome_id=variant.run, stiffness_set=settings["stiffness_set"],
+                progress=progress,
+            ).row  # fmt: skip
         else:
             from dldsim.constriction import simulate_constriction
 
@@ -166,7 +255,7 @@ def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path
 
     def give_up(reason: str) -> None:
         if kind == "runs":
-            known = _known_of_run(identifier, Geometry(**settings["geometry"]), settings)
+            known = _known_of_run(identifier, variant.run, settings)
         else:
             known = _known_of_constriction(identifier, variant.run, settings)
         write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
@@ -193,40 +282,20 @@ def gather_accuracy(rows: Iterable[tuple[str, Path]], config: Config, settings: 
         part.write_text(json.dumps(fitted, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def write_failed_run(identifier: str, settings: Mapping, reason: str, row: Path,
-                     trajectory: Path) -> None:
-    """Write the tables of a run that crashed."""
-    run = campaign.parse_run(identifier)
-    named = {**settings, "stiffness_set": run.stiffness_set}
-    known = _known_of_run(identifier, run.geometry, named)
-    write_table("trajectory", _empty("trajectory"), trajectory, provenance(settings))
-    write_table("runs", [_failed("runs", known, reason)], row, provenance(settings))
-
-
-def _known_of_run(identifier: str, geometry: Geometry, settings: Mapping) -> dict:
+def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
     """Columns of `runs` that do not need a simulation."""
+    from dldsim.simulation import known_of
+
     cell = Cell(**settings["cell"])
-    return {
-        "run_id": identifier,
-        **geometry.model_dump(),
-        "pitch_um": geometry.pitch_um,
-        "row_shift_fraction": geometry.row_shift_fraction,
-        "stiffness_set": settings["stiffness_set"],
-        "cell_shape": cell.shape,
-        "cell_radius_um": cell.radius_um,
-        "height_um": settings["flow"]["height_um"],
-        **settings["stiffness"],
-        "mean_velocity_mm_s": settings["flow"]["mean_velocity_mm_s"],
-        "mode": "none",
-        "sigma_num_basis": "no angle",
-        "bump_angle_deg": float(np.degrees(np.arctan(geometry.row_shift_fraction))),
-        "rows_completed": 0,
-        "orbit_rows": 0,
-        "lateral_steps_um": [],
-        "confinement": 2 * cell.radius_um / geometry.gap_um,
-        "left_out": "",
-        "numerics": json.dumps(settings["numerics"]),
-    }
+    known = known_of(
+        outcome, Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]),
+        settings["stiffness_set"], cell, Flow(**settings["flow"]), Numerics(**settings["numerics"]),
+    )  # fmt: skip
+    return known | {
+        "run_id": identifier, "release_gap_fraction": cell.release_gap_fraction, "mode": "none",
+        "rows_completed": 0, "orbit_rows": 0, "lateral_steps_um": [], "left_out": "",
+        "details": "{}",
+    }  # fmt: skip
 
 
 def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,

@@ -1,8 +1,9 @@
-"""Regressors of the migration angle, their features, and what they score on unseen runs.
+"""Regressors of the migration angle, their features, and what they score on unseen outcomes.
 
-Lengths enter as ratios to the cell radius R (Stokes similarity: only ratios matter), so that runs
-of one radius serve another. Channel height, velocity and cell shape are no inputs: runs must share
-them, and a prediction for another radius assumes height/R and the capillary number unchanged.
+Lengths enter as ratios to the cell radius R (Stokes similarity: only ratios matter), so that
+outcomes of one radius serve another. Channel height, velocity and cell shape are no inputs:
+outcomes must share them, and a prediction for another radius assumes height/R and the capillary
+number unchanged.
 """
 
 import copy
@@ -16,6 +17,7 @@ from scipy.optimize import least_squares
 from scipy.special import logit
 
 from dldsim.errors import DldsimError
+from dldsim.trajectory import DECIDED
 
 FEATURES = [
     "log_size_over_critical_diameter", "log_confinement", "log_periodicity",
@@ -26,7 +28,7 @@ GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 INPUTS = [*GEOMETRY, "deformation_index", "cell_radius_um"]
 ANGLE = "migration_angle_deg"
 CONDITIONS = ["cell_shape", "height_um", "mean_velocity_mm_s"]
-"""Columns of `runs` that change the angle but are no features: one value each."""
+"""Columns of `outcomes` that change the angle but are no features: one value each."""
 
 SURROGATE = "bounded XGBoost"
 CURVE = "two-limit curve"
@@ -50,7 +52,7 @@ def critical_diameter_um(gap_um, periodicity):
 
 
 def features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
-    """Features of runs, shape (n, len(FEATURES)); the arguments are broadcast to one length.
+    """Features of outcomes, shape (n, len(FEATURES)); the arguments are broadcast to one length.
 
     Size over critical diameter is 2R/D_c with the largest radius R of the cell at rest, confinement
     2R/P_g. Another measure of size, of a cell of the same shape, only shifts the logarithm.
@@ -82,35 +84,36 @@ def angle_of(share, periodicity) -> np.ndarray:
     return np.degrees(np.arctan(np.asarray(share) / periodicity))
 
 
-def learnable(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs with an angle and a deformation index, in a fixed order; not converged ones included.
+def learnable(outcomes: pd.DataFrame) -> pd.DataFrame:
+    """Outcomes with an angle and a deformation index, in a fixed order; undecided ones included.
 
-    Raises DldsimError for missing columns, too few usable runs, or mixed conditions.
+    Raises DldsimError for missing columns, too few usable outcomes, or mixed conditions.
     """
-    needed = ["run_id", *INPUTS, ANGLE, "status"]
-    missing = [name for name in needed if name not in runs]
+    needed = ["outcome_id", *INPUTS, ANGLE, "status"]
+    missing = [name for name in needed if name not in outcomes]
     if missing:
-        raise DldsimError(f"Surrogate: the table of runs lacks {', '.join(missing)}.")
-    data = runs.dropna(subset=[*INPUTS, ANGLE]).sort_values("run_id").reset_index(drop=True)
+        raise DldsimError(f"Surrogate: the table of outcomes lacks {', '.join(missing)}.")
+    data = outcomes.dropna(subset=[*INPUTS, ANGLE])
+    data = data.sort_values("outcome_id").reset_index(drop=True)
     if data.groupby(GEOMETRY).ngroups < 3 or data[ANGLE].nunique() < 2:
         causes = ", ".join(
-            f"{int(runs[n].isna().sum())} without {n}" for n in (ANGLE, "deformation_index"))
+            f"{int(outcomes[n].isna().sum())} without {n}" for n in (ANGLE, "deformation_index"))
         raise DldsimError(
-            f"Surrogate: {len(data)} of {len(runs)} runs are usable ({causes}); at least three "
-            "geometries with different angles are needed. Widen the sweep, or see why runs failed "
-            "(columns status and stop_reason)."
+            f"Surrogate: {len(data)} of {len(outcomes)} outcomes are usable ({causes}); at least "
+            "three geometries with different angles are needed. Widen the sweep, or see why the "
+            "others failed (columns status and stop_reason)."
         )
     mixed = [name for name in CONDITIONS if name in data and data[name].nunique() > 1]
     if mixed:
         raise DldsimError(
-            f"Surrogate: the runs differ in {', '.join(mixed)}, which the surrogate does not "
+            f"Surrogate: the outcomes differ in {', '.join(mixed)}, which the surrogate does not "
             "know. Fit one surrogate per condition."
         )
     return data
 
 
 def inputs_and_angles(data: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Features (n, len(FEATURES)) and angles [deg] (n,) of learnable runs."""
+    """Features (n, len(FEATURES)) and angles [deg] (n,) of learnable outcomes."""
     return features(*(data[name] for name in INPUTS)), data[ANGLE].to_numpy(float)
 
 
@@ -144,7 +147,8 @@ class TwoLimitCurve(_Settable):
     transition s dies out gradually (mixed motion), above it the bump is soon complete, hence this
     link and not the symmetric logistic one. Least squares in degrees with a ridge [deg²] that
     hardly touches x, holds DI lightly (its levels may lie so close that a slope says nothing beyond
-    them) and the corrections by ``penalty``, so that few runs give the law and many its correction.
+    them) and the corrections by ``penalty``, so that few outcomes give the law and many
+    its correction.
     The two limits, 0 and the bump angle, are kept whatever the data.
     """
 
@@ -334,7 +338,7 @@ def cross_validate(
     """
     x, y = inputs_and_angles(data)
     groups = groups_of(data, split)
-    converged = data["status"].isin(["converged", "periodic"]).to_numpy()
+    decided = data["status"].isin(DECIDED).to_numpy()
     scores, predictions = [], []
     folds = [(repeat, *fold) for repeat in range(REPEATS)
              for fold in folds_of(groups, FOLDS, seed + repeat)]
@@ -361,15 +365,15 @@ def cross_validate(
                 "fit_time_s": fitted - start, "predict_time_s": done - fitted,
             })
             predictions.append(pd.DataFrame({
-                "run_id": data["run_id"].to_numpy()[test], "model": name, "split": split,
+                "outcome_id": data["outcome_id"].to_numpy()[test], "model": name, "split": split,
                 "repeat": repeat, "fold": number, "observed_deg": y[test],
-                "predicted_deg": predicted, "converged": converged[test],
+                "predicted_deg": predicted, "decided": decided[test],
             }))
     return scores, predictions
 
 
 def benchmark(
-    runs: pd.DataFrame, seed: int, names: Collection[str] | None = None
+    outcomes: pd.DataFrame, seed: int, names: Collection[str] | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Scores per fold and held-out predictions [deg] of all regressors, or of those named.
 
@@ -381,7 +385,7 @@ def benchmark(
 
     Raises DldsimError as `learnable` does.
     """
-    data = learnable(runs)
+    data = learnable(outcomes)
     regressors = {n: r for n, r in make_regressors(seed).items() if names is None or n in names}
     scores, predictions = [], []
     for split in SPLITS:
@@ -393,16 +397,16 @@ def benchmark(
     return pd.DataFrame(scores), pd.concat(predictions, ignore_index=True)
 
 
-def learning_curve(runs: pd.DataFrame, seed: int) -> pd.DataFrame:
-    """Error [deg] on unseen arrays against the number of runs learnt from; kind `learning_curve`.
+def learning_curve(outcomes: pd.DataFrame, seed: int) -> pd.DataFrame:
+    """Error [deg] on unseen arrays against the outcomes learnt from; kind `learning_curve`.
 
     In each of ten repeats a fifth of the arrays is held out; the others are learnt from in growing,
     nested numbers from three arrays on, with the middle settings. A row also says what its training
-    runs cost to simulate.
+    outcomes cost to simulate.
 
     Raises DldsimError as `benchmark` does.
     """
-    data = learnable(runs)
+    data = learnable(outcomes)
     group = groups_of(data, "geometry")
     x, y = inputs_and_angles(data)
     cost = data["wall_time_s"].to_numpy(float) if "wall_time_s" in data else np.full(len(y), np.nan)
@@ -426,7 +430,7 @@ def learning_curve(runs: pd.DataFrame, seed: int) -> pd.DataFrame:
                 error = np.asarray(regressor.predict(x[test]), float) - y[test]
                 rows.append({
                     "model": name, "repeat": repeat, "geometries": int(size),
-                    "runs": int(train.sum()), "n_test": int(test.sum()),
+                    "outcomes": int(train.sum()), "n_test": int(test.sum()),
                     "rmse_deg": np.sqrt(np.mean(error**2)), "mae_deg": np.mean(np.abs(error)),
                     "fit_time_s": fitted, "simulation_time_s": cost[train].sum(),
                 })

@@ -35,29 +35,29 @@ def modes_of(share) -> np.ndarray:
 
 
 def examine(
-    surrogate: Surrogate, runs: pd.DataFrame, settings: Mapping[str, Any], seed: int
+    surrogate: Surrogate, outcomes: pd.DataFrame, settings: Mapping[str, Any], seed: int
 ) -> dict[str, pd.DataFrame]:
     """All tables of this module by kind; `settings`: section `fabrication` of the configuration."""
     return {
-        "sobol": sobol(surrogate, runs, seed),
-        "partial_dependence": partial_dependence(surrogate, runs),
-        "fabrication": fabrication(surrogate, runs, settings["radius_errors_um"], seed,
+        "sobol": sobol(surrogate, outcomes, seed),
+        "partial_dependence": partial_dependence(surrogate, outcomes),
+        "fabrication": fabrication(surrogate, outcomes, settings["radius_errors_um"], seed,
                                    settings["moved_deg"]),
     }
 
 
-def sobol(surrogate: Surrogate, runs: pd.DataFrame, seed: int) -> pd.DataFrame:
+def sobol(surrogate: Surrogate, outcomes: pd.DataFrame, seed: int) -> pd.DataFrame:
     """Sobol indices of the predicted angle, a table of kind `sobol`.
 
-    Inputs are independent and uniform between the least and largest values of the runs (N_p over
-    whole numbers); parameters that determine each other in the runs (gap = radius + 10 µm) are one
-    input, and the others follow from the first by interpolation between the runs. First order: the
+    Inputs are independent and uniform between the least and largest values of the outcomes (N_p
+    over whole numbers); parameters that determine each other in them (gap = radius + 10 µm) are one
+    input, and the others follow from the first by interpolation between outcomes. First order: the
     share of the variance due to an input alone; total order: with all interactions it takes part
     in. Over a Sobol sequence, with bootstrap intervals of level CONFIDENCE.
     """
     from scipy.stats import qmc
 
-    data = learnable(runs)
+    data = learnable(outcomes)
     cell = float(data["cell_radius_um"].iloc[0])
     factors = axes_of(data) + ([[DEFORMATION]] if data[DEFORMATION].nunique() > 1 else [])
     fixed = {name: float(data[name].iloc[0]) for name in [*GEOMETRY, DEFORMATION]}
@@ -99,7 +99,7 @@ def sobol(surrogate: Surrogate, runs: pd.DataFrame, seed: int) -> pd.DataFrame:
 
 
 def _followers(data: pd.DataFrame, factor: list[str], lead: str, values) -> dict[str, np.ndarray]:
-    """Values of the parameters that the runs tie to `lead`, by interpolation between the runs."""
+    """Values of the parameters that the outcomes tie to `lead`, by interpolation between them."""
     known = data.drop_duplicates(lead).sort_values(lead)
     return {name: np.interp(values, known[lead], known[name]) for name in factor if name != lead}
 
@@ -122,22 +122,22 @@ def sobol_of_table(frame: pd.DataFrame, seed: int) -> pd.DataFrame:
     A surrogate is fitted first. Where the table tells no cell radius one is assumed: a common
     radius cancels in every feature but for constants. Raises DldsimError as `surrogate.fit` does.
     """
-    runs = frame.assign(stiffness_set=frame["stiffness_set"].astype(str))
-    assumed = {"run_id": [f"row{i:06d}" for i in range(len(frame))], "cell_radius_um": 7.5,
-               "status": "converged"}
-    runs = runs.assign(**{name: v for name, v in assumed.items() if name not in frame})
-    return sobol(fit(runs, seed), runs, seed)
+    outcomes = frame.assign(stiffness_set=frame["stiffness_set"].astype(str))
+    assumed = {"outcome_id": [f"row{i:06d}" for i in range(len(frame))], "cell_radius_um": 7.5,
+               "status": "decided"}
+    outcomes = outcomes.assign(**{name: v for name, v in assumed.items() if name not in frame})
+    return sobol(fit(outcomes, seed), outcomes, seed)
 
 
-def partial_dependence(surrogate: Surrogate, runs: pd.DataFrame) -> pd.DataFrame:
+def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataFrame:
     """Predicted angle over pairs of inputs, a table of kind `partial_dependence`.
 
     At each point of a grid the two inputs are set and the others taken from every run in turn; the
     mean is over those combinations that lie inside the domain, null where none does (an average
     over arrays that were never near the data would say nothing). Parameters that determine each
-    other in the runs are set together.
+    other in the outcomes are set together.
     """
-    data = learnable(runs)
+    data = learnable(outcomes)
     distinct = data[INPUTS].drop_duplicates()
     axes = axes_of(data)
     parts = []
@@ -178,7 +178,7 @@ def _mean_where(values: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 def fabrication(
-    surrogate: Surrogate, runs: pd.DataFrame, errors_um: Sequence[float], seed: int,
+    surrogate: Surrogate, outcomes: pd.DataFrame, errors_um: Sequence[float], seed: int,
     moved_deg: float = MOVED_DEG,
 ) -> pd.DataFrame:
     """What an error of the pillar radius does to every run's array, a table of kind `fabrication`.
@@ -188,7 +188,7 @@ def fabrication(
     same δ for all arrays. Modes are those of the surrogate, at nominal size and with the error;
     `simulated_mode` stands beside so that one sees where the surrogate is wrong to begin with.
     """
-    data = learnable(runs)
+    data = learnable(outcomes)
     draw = np.random.default_rng(seed).standard_normal(DRAWS)
     draw = np.concatenate([draw, -draw])
     keys = [*GEOMETRY, "stiffness_set", DEFORMATION, "cell_radius_um"]

@@ -1,15 +1,30 @@
-"""One run: one cell through one array, until its motion repeats."""
+"""One run: one cell through one array from one place of release, until its motion has settled.
+
+One outcome: as many runs from different places as it takes to know what a cell does that enters
+anywhere.
+"""
 
 import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
+from dldsim.campaign import run_id as release_id
 from dldsim.cellflow import CellInFlow, Sample, deformation_index
-from dldsim.config import CELL_NUMERICS, Cell, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config import (
+    CELL_NUMERICS,
+    Cell,
+    CellShape,
+    Flow,
+    Geometry,
+    Numerics,
+    RunControl,
+    Stiffness,
+)
 from dldsim.errors import DldsimError
 from dldsim.flow import EmptyFlow, Fluid, solve_empty_array
 from dldsim.geometry import ArrayLattice, make_array
@@ -18,11 +33,19 @@ from dldsim.stability import (
     bottleneck,
     describe,
     incurable,
+    lag_number,
     margins,
     refined,
     refinement,
 )
-from dldsim.trajectory import Migration, analyse_path, row_crossings
+from dldsim.trajectory import (
+    SETTLED,
+    Migration,
+    analyse_path,
+    next_release,
+    outcome_of,
+    row_crossings,
+)
 from dldsim.units import Units
 
 Progress = Callable[[str], None] | None
@@ -107,12 +130,15 @@ def simulate_run(
     control: RunControl,
     *,
     run_id: str,
+    outcome_id: str | None = None,
     stiffness_set: str,
     empty_flow: EmptyFlow | None = None,
     observe: Callable[[CellInFlow, Record], None] | None = None,
     progress: Progress = None,
 ) -> RunResult:
-    """Carry one cell through the array until its motion repeats or ``control.max_rows`` are done.
+    """Carry one cell through the array until its motion settles or ``control.max_rows`` are done.
+
+    ``outcome_id``: the outcome that the run belongs to; by default itself.
 
     ``observe`` is called after every sample that is recorded, with the scene as it is then, and
     with another record where the run began anew with a shorter time step.
@@ -120,16 +146,18 @@ def simulate_run(
     DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
     """
     def attempt(shorter: float) -> RunResult:
-        return _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, stiffness_set,
-                         empty_flow, observe, progress, shorter)
+        return _simulate(geometry, stiffness, cell, flow, numerics, control, run_id,
+                         outcome_id or run_id, stiffness_set, empty_flow, observe, progress,
+                         shorter)
 
     return again_if_unstable(attempt, numerics, progress)
 
 
-def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, stiffness_set,
-              empty_flow, observe, progress, shorter) -> RunResult:
+def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcome_id,
+              stiffness_set, empty_flow, observe, progress, shorter) -> RunResult:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
     start = time.perf_counter()
+    wanted = numerics
     if flow.height_um == 0:
         raise DldsimError("height_um = 0 is the two-dimensional limit of the empty flow; a cell "
                           "needs a channel height, at least its own size.")  # fmt: skip
@@ -181,13 +209,9 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, stiffn
         keep()
         if path.rows > len(lateral) - 1:
             lateral = path.crossings()
-            result = analyse_path(
-                lateral, array.pitch, geometry.periodicity, control.orbit_tolerance
-            )
-            if path.rows >= geometry.periodicity and result.status in ("converged", "periodic"):
+            result = analyse_path(lateral, array.pitch, geometry.periodicity, control)
+            if result.status in SETTLED or path.rows >= control.max_rows:
                 status, reason = result.status, result.reason
-            elif path.rows >= control.max_rows:
-                status, reason = "period_limit", result.reason
         if path.idle(scene.steps, patience):
             status = "stuck"
             reason = (
@@ -197,11 +221,74 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, stiffn
         reporter.report(sample, path.rows)
     wall = time.perf_counter() - loop
     lateral = path.crossings()
-    migration = analyse_path(lateral, array.pitch, geometry.periodicity, control.orbit_tolerance)
+    migration = analyse_path(lateral, array.pitch, geometry.periodicity, control)
     if status in ("unstable", "stuck"):
-        migration = Migration(status, reason, "none", None, None, None, 0, migration.lateral_steps)
+        migration = broken_off(status, reason, migration.lateral_steps)
     row = {
         "run_id": run_id,
+        **known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, wanted),
+        "release_gap_fraction": cell.release_gap_fraction,
+        "status": status,
+        "stop_reason": reason,
+        **{name: getattr(migration, name) for name in MIGRATION},
+        "rows_completed": path.rows,
+        "lateral_steps_um": (migration.lateral_steps * array.spacing_um).tolist(),
+        **cost_and_quality(scene, record, wall),
+        "rows_in_domain": numerics.rows,
+        "lanes_in_domain": numerics.lanes,
+        "height_on_lattice_um": array.height_um,
+        "velocity_lu": numerics.velocity_lu,
+        "lag_number": lag_number(scene),
+        "capillary_number": units.capillary_number(stiffness.ks_uN_per_m),
+        "left_out": left_out(array, geometry, stiffness, numerics),
+        "details": json.dumps(
+            {
+                "pitch_nodes": array.pitch,
+                "row_shift_nodes": array.row_shift,
+                "kv_used_lu": scene.moduli.kv,
+                "kv_wanted_lu": units.pressure(stiffness.kv_Pa),
+                "velocity_blend": scene.blend,
+                **describe(asked, factor),
+                "begun_anew": shorter > 1,
+                "incurable": incurable(scene),
+                "inverted_faces_max": float(record.column("inverted").max()),
+                "start_up_s": round(loop - start, 3),
+            }
+        ),
+    }
+    return RunResult(row, record.trajectory())
+
+
+MIGRATION = (
+    "mode", "migration_angle_deg", "angle_low_deg", "angle_high_deg", "first_period_angle_deg",
+    "orbit_rows", "settled_row", "row_map_peak", "transition_distance", "capture_chance",
+)  # fmt: skip
+"""Members of a Migration that are columns of `runs` by the same name."""
+
+
+def broken_off(status: str, reason: str, lateral_steps: np.ndarray) -> Migration:
+    """Migration of a run that is stuck, unstable or failed: none."""
+    return Migration(**dict.fromkeys(MIGRATION) | {
+        "status": status, "reason": reason, "mode": "none", "orbit_rows": 0,
+        "lateral_steps": lateral_steps,
+    })  # fmt: skip
+
+
+def migration_of(row: Mapping) -> Migration:
+    """The Migration that a row of `runs` was made from; its lateral steps in µm."""
+    return Migration(
+        row["status"], row["stop_reason"], **{name: row[name] for name in MIGRATION},
+        lateral_steps=np.array(row["lateral_steps_um"]),
+    )  # fmt: skip
+
+
+def known_of(
+    outcome_id: str, geometry: Geometry, stiffness: Stiffness, stiffness_set: str, cell: CellShape,
+    flow: Flow, numerics: Numerics,
+) -> dict:
+    """Columns that `runs` and `outcomes` share and that need no simulation."""
+    return {
+        "outcome_id": outcome_id,
         "pillar_radius_um": geometry.pillar_radius_um,
         "gap_um": geometry.gap_um,
         "pitch_um": geometry.pitch_um,
@@ -213,42 +300,118 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, stiffn
         "height_um": flow.height_um,
         **stiffness.model_dump(),
         "mean_velocity_mm_s": flow.mean_velocity_mm_s,
-        "status": status,
-        "stop_reason": reason,
-        "mode": migration.mode,
-        "migration_angle_deg": migration.migration_angle_deg,
-        "first_period_angle_deg": migration.first_period_angle_deg,
-        "sigma_orbit_deg": migration.sigma_orbit_deg,
+        "release_axis": cell.axis,
         "bump_angle_deg": math.degrees(math.atan(geometry.row_shift_fraction)),
-        "rows_completed": path.rows,
-        "orbit_rows": migration.orbit_rows,
-        "lateral_steps_um": (migration.lateral_steps * array.spacing_um).tolist(),
-        **cost_and_quality(scene, record, wall),
-        "rows_in_domain": numerics.rows,
-        "lanes_in_domain": numerics.lanes,
-        "capillary_number": units.capillary_number(stiffness.ks_uN_per_m),
         "confinement": 2 * cell.radius_um / geometry.gap_um,
-        "left_out": left_out(array, geometry, stiffness, numerics),
-        "numerics": json.dumps(
-            {
-                **numerics.model_dump(),
-                "pitch_nodes": array.pitch,
-                "row_shift_nodes": array.row_shift,
-                "height_on_lattice_um": array.height_um,
-                "kv_used_lu": scene.moduli.kv,
-                "kv_wanted_lu": units.pressure(stiffness.kv_Pa),
-                "velocity_blend": scene.blend,
-                "release_axis": cell.axis,
-                "release_gap_fraction": cell.release_gap_fraction,
-                **describe(asked, factor),
-                "begun_anew": shorter > 1,
-                "incurable": incurable(scene),
-                "inverted_faces_max": float(record.column("inverted").max()),
-                "start_up_s": round(loop - start, 3),
-            }
-        ),
+        "numerics": json.dumps(numerics.model_dump()),
     }
-    return RunResult(row, record.trajectory())
+
+
+@dataclass(frozen=True)
+class OutcomeResult:
+    """``row``: one row of `outcomes`; ``runs``: by place of release, in the order of use."""
+
+    row: dict
+    runs: dict[float, RunResult]
+
+    def rows(self) -> list[dict]:
+        """Rows of `runs`."""
+        return [run.row for run in self.runs.values()]
+
+    def trajectory(self) -> dict[str, np.ndarray]:
+        """Columns of `trajectory`, one release after the other."""
+        paths = [run.trajectory for run in self.runs.values()]
+        return {name: np.concatenate([path[name] for path in paths]) for name in paths[0]}
+
+
+def simulate_outcome(
+    geometry: Geometry,
+    stiffness: Stiffness,
+    cell: CellShape,
+    flow: Flow,
+    numerics: Numerics,
+    control: RunControl,
+    *,
+    outcome_id: str,
+    stiffness_set: str,
+    empty_flow: EmptyFlow | None = None,
+    finished: Mapping[float, RunResult] = MappingProxyType({}),
+    keep: Callable[[float, RunResult], None] | None = None,
+    observe: Callable[[CellInFlow, Record], None] | None = None,
+    progress: Progress = None,
+) -> OutcomeResult:
+    """Release the cell at as many of ``control.release_gap_fractions`` as it takes.
+
+    Which place comes next, and when enough is known, `trajectory.next_release` says. If
+    ``control.outcome_rows_max`` rows are spent before, the outcome is undecided, with the bounds of
+    what was seen.
+
+    ``finished``: releases of this outcome that were simulated before, with the same settings.
+    ``keep`` is called with place and result of each release when it is done; ``observe`` as in
+    `simulate_run`. Raises DldsimError where that does.
+    """
+    places = control.release_gap_fractions
+    runs = {place: finished[place] for place in places if place in finished}
+    migrations = {place: migration_of(run.row) for place, run in runs.items()}
+    while (place := next_release(migrations, places, geometry.periodicity)) is not None:
+        left = control.outcome_rows_max - sum(run.row["rows_completed"] for run in runs.values())
+        if runs and left < geometry.periodicity:
+            break
+        if empty_flow is None:
+            empty_flow = solve_empty_array(geometry, flow, numerics, progress)
+        if progress:
+            progress(f"release at {place:g} of the gap")
+        runs[place] = simulate_run(
+            geometry, stiffness,
+            Cell(**cell.model_dump() | {"release_gap_fraction": place}), flow, numerics,
+            control.model_copy(update={"max_rows": min(control.max_rows, left)}),
+            run_id=release_id(outcome_id, place), outcome_id=outcome_id,
+            stiffness_set=stiffness_set, empty_flow=empty_flow, observe=observe, progress=progress,
+        )  # fmt: skip
+        migrations[place] = migration_of(runs[place].row)
+        if keep:
+            keep(place, runs[place])
+    row = known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, numerics)
+    row |= sum_up(migrations, [run.row for run in runs.values()], geometry.periodicity)
+    if place is not None:
+        row["status"] = "undecided"
+        row["stop_reason"] = (
+            f"{row['rows_total']} of outcome_rows_max = {control.outcome_rows_max} rows spent "
+            f"before a release at {place:g} of the gap; {row['stop_reason']}"
+        )
+    return OutcomeResult(row, runs)
+
+
+OUTCOME = (
+    "mode", "migration_angle_deg", "angle_low_deg", "angle_high_deg", "angle_spread_deg",
+    "share_bump", "share_mixed", "share_zigzag", "share_none", "coexisting", "settled_row",
+    "transition_distance", "releases",
+)  # fmt: skip
+"""Members of an Outcome that are columns of `outcomes` by the same name."""
+MID_GAP = 0.5
+"""Where the source releases its cells."""
+
+
+def sum_up(
+    migrations: Mapping[float, Migration], rows: Iterable[Mapping], periodicity: int
+) -> dict:
+    """Columns of `outcomes` that follow from its releases and their rows of `runs`."""
+    rows = list(rows)
+    outcome = outcome_of(migrations, periodicity)
+    source = migrations.get(MID_GAP)
+    return {
+        "status": outcome.status,
+        "stop_reason": outcome.reason,
+        **{name: getattr(outcome, name) for name in OUTCOME},
+        "source_angle_deg": source and source.first_period_angle_deg,
+        "rows_total": sum(row["rows_completed"] for row in rows),
+        "steps": sum(row["steps"] for row in rows),
+        "wall_time_s": sum(row["wall_time_s"] for row in rows),
+        "capillary_number": rows[0]["capillary_number"],
+        "spacing_um": rows[0]["spacing_um"],
+        "lag_number": max(row["lag_number"] for row in rows),
+        "left_out": rows[0]["left_out"],
+    }
 
 
 REMEDY = (

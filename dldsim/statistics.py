@@ -402,7 +402,8 @@ def robustness(frame: pd.DataFrame) -> pd.DataFrame:
         raise DldsimError(f"Robustness: the table lacks {', '.join(missing)}.")
     data = frame.dropna(subset=[*GEOMETRY, ANGLE])
     if data.empty:
-        raise DldsimError("Robustness: no row has a migration angle. See the status of the runs.")
+        raise DldsimError("Robustness: no row has a migration angle. See the status of "
+                          "the outcomes.")
     angles = data.pivot_table(index=GEOMETRY, columns="stiffness_set", values=ANGLE)
     modes = _modes(data)
     geometries = pd.DataFrame(angles.index.tolist(), columns=GEOMETRY)

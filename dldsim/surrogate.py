@@ -1,8 +1,8 @@
 """The surrogate of the migration angle: fitted model, intervals, domain, file and card.
 
-A :class:`dldsim.regressors.BoundedXGBoost` on all runs. Prediction intervals are conformal, with
-geometries (not runs) as the units that are exchangeable; their coverage is measured on geometries
-held out. The card says what the model was learnt from, what it scores, and where it holds.
+A :class:`dldsim.regressors.BoundedXGBoost` on all outcomes. Prediction intervals are conformal,
+with geometries (not outcomes) as the units that are exchangeable; their coverage is measured on
+geometries held out. The card says what the model was learnt from, what it scores, and where it holds.
 """
 
 import copy
@@ -41,7 +41,7 @@ from dldsim.regressors import (
     tune,
 )
 from dldsim.tables import atomic_path
-from dldsim.trajectory import mode_of
+from dldsim.trajectory import DECIDED, mode_of
 
 if TYPE_CHECKING:
     from xgboost import Booster
@@ -168,10 +168,10 @@ class Surrogate:
         return self.card["scores_by_geometry"]["rmse_deg"]
 
     def sigma_num_deg(self, angle_deg, periodicity) -> np.ndarray | None:
-        """Numerical uncertainty [deg] of predicted angles; None if that of the runs is not known.
+        """Numerical uncertainty [deg] of predicted angles; None if none learnt from has one.
 
-        That of the training runs in the same mode (bump, mixed or zigzag, after the angle), as a
-        share of the bump angle; of a mode without runs, the largest share of any mode.
+        That of the outcomes learnt from in the same mode (bump, mixed or zigzag, by angle), as a
+        share of the bump angle; of a mode without outcomes, the largest share of any mode.
         """
         shares = self.card["numerical_uncertainty"]["share_by_mode"]
         if not shares:
@@ -206,7 +206,7 @@ class Surrogate:
         """How far a geometry lies outside the convex hull of the training geometries.
 
         In units of the training range of (P_r/R, P_g/R, N_p), largest component; 0 inside. The hull
-        tells what ranges do not: runs with gap = radius + 10 µm fill a plane, not a box. A
+        tells what ranges do not: outcomes with gap = radius + 10 µm fill a plane, not a box. A
         parameter that never varied allows no distance at all: then infinity.
         """
         from scipy.optimize import linprog
@@ -242,14 +242,14 @@ class Surrogate:
                 part.write_bytes(content)
 
 
-def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
-    """Fit the surrogate to all usable runs; its card holds its error on geometries held out.
+def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
+    """Fit the surrogate to all usable outcomes; its card holds its error on geometries held out.
 
-    Raises DldsimError for missing columns or too few usable runs.
+    Raises DldsimError for missing columns or too few usable outcomes.
     """
     import xgboost
 
-    data = learnable(runs)
+    data = learnable(outcomes)
     x, y = inputs_and_angles(data)
     groups, rows = groups_of(data, "geometry"), data["periodicity"].to_numpy(float)
     share = share_of(y, rows)
@@ -281,9 +281,9 @@ def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
         "features": FEATURES, "seed": int(seed), "curve": model.curve.state(),
         "settings": {"penalty": model.penalty, "trees": model.trees, "depth": model.depth},
         "data": {
-            "sha256": _data_hash(data), "runs": len(runs), "used": len(data),
-            "not_converged": int(
-                (~data["status"].isin(["converged", "periodic", "measured"])).sum()),
+            "sha256": _data_hash(data), "outcomes": len(outcomes), "used": len(data),
+            "undecided": int(
+                (~data["status"].isin([*DECIDED, "measured"])).sum()),
             "geometries": int(data.groupby(GEOMETRY).ngroups),
             "conditions": {n: _plain(data[n].iloc[0]) for n in CONDITIONS if n in data},
         },
@@ -310,7 +310,7 @@ def fit(runs: pd.DataFrame, seed: int) -> Surrogate:
 
 
 def _coverage(level: float, found: pd.DataFrame) -> dict[str, float | int]:
-    """Share of runs of held-out geometries inside their intervals, each geometry counting once.
+    """Share of outcomes of held-out geometries inside their intervals, each geometry counting once.
 
     The error of the share is that of a mean over geometries.
     """
@@ -322,15 +322,15 @@ def _coverage(level: float, found: pd.DataFrame) -> dict[str, float | int]:
 
 
 def _numerical_uncertainty(data: pd.DataFrame) -> dict[str, Any]:
-    """Root mean square of σ_num / bump angle of the runs learnt from, by mode after their angle."""
+    """Root mean square of σ_num / bump angle of what was learnt from, by mode after its angle."""
     if "sigma_num_deg" not in data or data["sigma_num_deg"].isna().all():
         bases = data["sigma_num_basis"].unique().tolist() if "sigma_num_basis" in data else []
-        return {"share_by_mode": {}, "runs": 0, "basis": bases}
+        return {"share_by_mode": {}, "outcomes": 0, "basis": bases}
     known = data[data["sigma_num_deg"].notna()]
     mode = [mode_of(a, 1 / n) for a, n in zip(known[ANGLE], known["periodicity"], strict=True)]
     square = (known["sigma_num_deg"] / np.degrees(np.arctan(1 / known["periodicity"]))) ** 2
     shares = np.sqrt(square.groupby(np.array(mode)).mean())
-    return {"share_by_mode": shares.to_dict(), "runs": len(known),
+    return {"share_by_mode": shares.to_dict(), "outcomes": len(known),
             "basis": sorted(known["sigma_num_basis"].str.partition(":")[0].unique())}
 
 
@@ -344,8 +344,8 @@ def _plain(value: Any) -> Any:
 
 
 def _data_hash(data: pd.DataFrame) -> str:
-    """SHA-256 over the rows learnt from: inputs, angle and status, in order of run_id."""
-    rows = data[["run_id", *INPUTS, ANGLE, "status"]]
+    """SHA-256 over the rows learnt from: inputs, angle and status, in order of outcome_id."""
+    rows = data[["outcome_id", *INPUTS, ANGLE, "status"]]
     text = rows.astype(dict.fromkeys([*INPUTS, ANGLE], float)).to_csv(index=False)
     return hashlib.sha256(text.encode()).hexdigest()
 

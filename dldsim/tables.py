@@ -63,14 +63,42 @@ _GEOMETRY = (
     _real("gap_um", "µm", "gap P_g between pillar surfaces"),
     _count("periodicity", "rows N_p after which the array repeats"),
 )
-_STATUS = (
-    _text("status", "how the run ended"),
-    _text("stop_reason", "why it ended so"),
-)
 _SPRINGS = (
     _real("ks_uN_per_m", "µN/m", "edge spring constant k_s"),
     _real("kb_pN_um", "pN·µm", "dihedral bending constant k_b"),
     _real("kal_uN_per_m", "µN/m", "local area constant k_α"),
+)
+_OUTCOME_ID = _text("outcome_id", "identifier of array and cell")
+_ARRAY_AND_CELL = (
+    *_GEOMETRY[:2],
+    _real("pitch_um", "µm", "centre-to-centre distance λ = 2 P_r + P_g"),
+    _GEOMETRY[2],
+    _real("row_shift_fraction", "1", "row shift / pitch, ε = 1/N_p"),
+    _text("stiffness_set", "name of the membrane"),
+    _text("cell_shape", "rest shape"),
+    _real("cell_radius_um", "µm", "largest radius of the rest shape"),
+    _real("height_um", "µm", "channel height; 0: two-dimensional limit"),
+    *_SPRINGS,
+    _real("kag_uN_per_m", "µN/m", "global area constant k_ag"),
+    _real("kv_Pa", "Pa", "volume constant k_v"),
+    _real("kvisc_nN_s_per_m", "nN·s/m", "edge dashpot k_visc"),
+    _real("mean_velocity_mm_s", "mm/s", "mean velocity over the unit cell"),
+)
+_INTERVAL = (
+    _real("angle_low_deg", "°", "lower end of its 95 % interval"),
+    _real("angle_high_deg", "°", "upper end of its 95 % interval"),
+)
+_TRANSITION = _real("transition_distance", "1", "largest lateral step of the row map / row shift, "
+                    "less one: above 0 there is a bump lane")
+_CAPILLARY = _real("capillary_number", "1", "μU/k_s, with the spring constant; null for k_s = 0")
+_CONFINEMENT = _real("confinement", "1", "2R/P_g")
+_LAG = _real("lag_number", "1", "relaxation time of the fluid / time in which the cell moves by "
+             "its radius, twice: U·2R/ν where the cell is the largest length")
+_LEFT_OUT = _text("left_out", "what the scene did without")
+_NUMERICS = _text("numerics", "numerics asked for, JSON; the time step may be shorter")
+_STATUS = (
+    _text("status", "how the run ended"),
+    _text("stop_reason", "why it ended so"),
 )
 _COST = _nullable(
     _count("steps", "lattice-Boltzmann steps"),
@@ -113,36 +141,27 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
     ),
     "runs": (
         _RUN_ID,
-        *_GEOMETRY[:2],
-        _real("pitch_um", "µm", "centre-to-centre distance λ = 2 P_r + P_g"),
-        _GEOMETRY[2],
-        _real("row_shift_fraction", "1", "row shift / pitch, ε = 1/N_p"),
-        _text("stiffness_set", "name of the membrane"),
-        _text("cell_shape", "rest shape"),
-        _real("cell_radius_um", "µm", "largest radius of the rest shape"),
-        _real("height_um", "µm", "channel height; 0: two-dimensional limit"),
-        *_SPRINGS,
-        _real("kag_uN_per_m", "µN/m", "global area constant k_ag"),
-        _real("kv_Pa", "Pa", "volume constant k_v"),
-        _real("kvisc_nN_s_per_m", "nN·s/m", "edge dashpot k_visc"),
-        _real("mean_velocity_mm_s", "mm/s", "mean velocity over the unit cell"),
-        *_nullable(
-            _real("deformation_index", "1", "of the stiffness set, mean of the constriction runs"),
-            _real("deformation_index_std", "1", "scatter of the constriction runs"),
-        ),
-        _text("status", "converged, periodic, period_limit, stuck, unstable or failed"),
+        _OUTCOME_ID,
+        *_ARRAY_AND_CELL,
+        _text("release_axis", "direction of the symmetry axis at release"),
+        _real("release_gap_fraction", "1", "centre above the lower pillar at release / P_g"),
+        _text("status", "converged, periodic, stationary, undecided, stuck, unstable or failed"),
         _STATUS[1],
         _text("mode", "bump, zigzag, mixed or none"),
         *_nullable(
-            _real("migration_angle_deg", "°", "migration angle θ_m; not converged: second half"),
+            _real("migration_angle_deg", "°", "migration angle θ_m of the settled motion"),
+            *_INTERVAL,
             _real("first_period_angle_deg", "°", "angle of the first N_p rows after release"),
-            _real("sigma_orbit_deg", "°", "how well the motion repeats"),
-            _real("sigma_num_deg", "°", "numerical uncertainty, see sigma_num_basis"),
         ),
-        _text("sigma_num_basis", "modelled, extrapolated, not studied, or no angle: and why"),
         _real("bump_angle_deg", "°", "angle of full bump mode, atan(1/N_p)"),
         _count("rows_completed", "rows passed"),
         _count("orbit_rows", "rows after which the motion repeats; 0: it did not"),
+        *_nullable(
+            _count("settled_row", "row from which on the settled motion holds"),
+            _real("row_map_peak", "1", "largest lateral step of the settled motion / row shift"),
+            _TRANSITION,
+            _real("capture_chance", "1", "chance per row to be caught by the bump lane"),
+        ),
         Column("lateral_steps_um", pa.list_(_FLOAT), "µm", "lateral step of each row"),
         _COST[0],
         *_nullable(
@@ -151,26 +170,76 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
             _real("spacing_um", "µm", "lattice spacing"),
             _count("rows_in_domain", "pillar rows in the periodic domain"),
             _count("lanes_in_domain", "pillars per row in the periodic domain"),
+            _real("height_on_lattice_um", "µm", "channel height in whole nodes"),
             _real("time_step_us", "µs", "time step, in the time of the physical flow"),
+            _real("velocity_lu", "1", "mean velocity in lattice units, after shortening the step"),
             _real("relaxation_time", "1", "relaxation time τ, lattice units"),
         ),
         _COST[1],
         _real("ms_per_step", "ms", "wall time per step", nullable=True),
         _COST[2],
         *_nullable(
-            _real("capillary_number", "1", "μU/k_s, with the spring constant; null for k_s = 0"),
+            _CAPILLARY,
             _real("reynolds_number", "1", "U·2R/ν of the simulation"),
+            _LAG,
             _real("mach_max", "1", "largest Mach number"),
         ),
-        _real("confinement", "1", "2R/P_g"),
+        _CONFINEMENT,
         *_nullable(_real("lateral_flux_ratio", "1", "lateral / axial flux, mean over the run")),
         *_DRIFT,
         *_nullable(
             _real("min_clearance_um", "µm", "least distance of membrane and solid"),
             _real("mean_deformation_index", "1", "deformation index in the array, mean in time"),
         ),
-        _text("left_out", "what the scene did without"),
-        _text("numerics", "numerics used, JSON"),
+        _LEFT_OUT,
+        _NUMERICS,
+        _text("details", "margins of the time step and other particulars of the run, JSON"),
+    ),
+    "outcomes": (
+        _OUTCOME_ID,
+        *_ARRAY_AND_CELL,
+        _text("release_axis", "direction of the symmetry axis at release"),
+        _CAPILLARY._replace(nullable=True),
+        _CONFINEMENT,
+        *_nullable(
+            _real("deformation_index", "1", "of the stiffness set, mean of the constriction runs"),
+            _real("deformation_index_std", "1", "scatter of the constriction runs"),
+        ),
+        _text("status", "decided; coexisting: decided, but releases end in different motions; "
+              "undecided; stuck, unstable or failed"),
+        _STATUS[1],
+        _text("mode", "bump, zigzag, mixed or none, after the mean angle"),
+        *_nullable(
+            _real("migration_angle_deg", "°", "settled migration angle θ_m, mean over the flux of "
+                  "cells"),
+            *_INTERVAL,
+            _real("angle_spread_deg", "°", "largest minus least angle over the releases"),
+            _real("source_angle_deg", "°", "first N_p rows of the release at mid-gap, as in the "
+                  "source; null: no such release"),
+            _real("sigma_num_deg", "°", "numerical uncertainty, see sigma_num_basis"),
+        ),
+        _text("sigma_num_basis", "modelled, extrapolated, spans the modes, not studied, or no "
+              "angle: and why"),
+        _real("bump_angle_deg", "°", "angle of full bump mode, atan(1/N_p)"),
+        *_nullable(
+            _real("share_bump", "1", "share of the flux of cells that bumps"),
+            _real("share_mixed", "1", "share of the flux of cells in mixed mode"),
+            _real("share_zigzag", "1", "share of the flux of cells that zigzags"),
+            _real("share_none", "1", "share of the flux of cells without a mode"),
+            _flag("coexisting", "whether releases end in different motions"),
+            _count("settled_row", "row from which on every release has settled"),
+            _TRANSITION,
+        ),
+        _count("releases", "places of release simulated"),
+        _count("rows_total", "rows passed, all releases together"),
+        _COST[0],
+        _COST[1],
+        *_nullable(
+            _real("spacing_um", "µm", "lattice spacing"),
+            _LAG,
+        ),
+        _LEFT_OUT,
+        _NUMERICS,
     ),
     "flows": (
         *_GEOMETRY,
@@ -296,7 +365,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _real("moved_limit_deg", "°", "change of the angle that counts as moved"),
         _real("predicted_angle_deg", "°", "angle of the surrogate at nominal size"),
         _text("predicted_mode", "mode of the surrogate at nominal size"),
-        _text("simulated_mode", "mode of the run"),
+        _text("simulated_mode", "mode of the outcome"),
         _real("mode_change_probability", "1", "that the error changes the surrogate's mode"),
         _real("moved_probability", "1", "that the angle moves by more than the limit"),
         _real("angle_std_deg", "°", "standard deviation of the angle"),
@@ -327,14 +396,14 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _real("predict_time_s", "s", "time of the prediction"),
     ),
     "predictions": (
-        _RUN_ID,
+        _OUTCOME_ID,
         _text("model", "regressor"),
         _text("split", "random, by geometry, or by stiffness set"),
         _count("repeat", "number of the repetition"),
         _count("fold", "number of the split"),
         _real("observed_deg", "°", "simulated migration angle"),
         _real("predicted_deg", "°", "predicted migration angle"),
-        _flag("converged", "whether the simulated motion repeats"),
+        _flag("decided", "whether the simulated motion had settled"),
     ),
     "designs": (
         _text("request", "name of the design request"),
@@ -412,14 +481,14 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _text("population", "cell type 1 or 2; difference: angle 2 − angle 1"),
         *_GEOMETRY,
         _real("height_um", "µm", "channel height"),
-        _text("run_id", "identifier of the run; of both for the difference"),
+        _text("outcome_id", "identifier of the outcome; of both for the difference"),
         *_nullable(
             _real("deformation_index", "1", "of the cell type"),
             _real("cell_radius_um", "µm", "radius of the cell type"),
-            _real("ks_uN_per_m", "µN/m", "edge spring constant k_s of the run"),
+            _real("ks_uN_per_m", "µN/m", "edge spring constant k_s as simulated"),
         ),
-        _text("stiffness_basis", "where the moduli of the run come from"),
-        _real("predicted_deg", "°", "prediction before the run"),
+        _text("stiffness_basis", "where the moduli come from"),
+        _real("predicted_deg", "°", "prediction before the simulation"),
         _real("predicted_low_deg", "°", "lower end of its 90 % interval"),
         _real("predicted_high_deg", "°", "upper end of its 90 % interval"),
         *_nullable(
@@ -428,7 +497,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         ),
         _text("predicted_mode", "mode after the predicted angle; of both for the difference"),
         _text("mode", "simulated mode; of both for the difference"),
-        _text("status", "how the run ended; of both for the difference"),
+        _text("status", "status of the outcome; of both for the difference"),
         _real("wall_time_s", "s", "wall time", nullable=True),
         _flag("agrees", "simulated ± σ_num meets the interval; null: nothing to compare", True),
         _text("verdict", "the same in words"),
@@ -449,9 +518,9 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         ),
         _text("mode_1", "simulated mode of the first cell type"),
         _text("mode_2", "simulated mode of the second cell type"),
-        _text("status_1", "how the run of the first cell type ended"),
-        _text("status_2", "how the run of the second cell type ended"),
-        _real("predicted_separation_deg", "°", "separation predicted before the runs"),
+        _text("status_1", "status of the outcome of the first cell type"),
+        _text("status_2", "status of the outcome of the second cell type"),
+        _real("predicted_separation_deg", "°", "separation predicted before the simulations"),
         _real("uncertainty_deg", "°", "half-width of its 90 % interval"),
         _real("separation_tolerance_min_deg", "°", "least over ± P_r and P_g, refitted surrogate"),
         _real("separation_tolerance_max_deg", "°", "largest over ± P_r and P_g, likewise"),
@@ -497,7 +566,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _text("status", "how the runs ended; of each start where they differ"),
         _flag("settled", "whether the motion of every start repeats"),
         *_nullable(
-            _real("sigma_orbit_deg", "°", "how well the motion repeats, mean over the starts"),
+            _real("half_width_deg", "°", "half of the 95 % interval, mean over the starts"),
             _real("rows", "1", "rows that the cell was followed, mean over the starts"),
             _real("wall_time_s", "s", "wall time of a run, mean over the starts"),
             _count("steps", "time steps, mean over the starts"),
@@ -507,18 +576,18 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         ),
     ),
     "sigma_num": (
-        _text("class", "bump, mixed, zigzag, or unsettled: the motion does not repeat"),
+        _text("class", "bump, mixed or zigzag"),
         _count("runs", "studied runs of the class"),
         *_nullable(
             _real("rms_share", "1", "root mean square of error / bump angle"),
             _real("confidence_factor", "1", "Student's t at 68.27 % for so many runs"),
-            _real("share", "1", "their product c: σ_num² = σ_orbit² + (c θ_bump)²"),
+            _real("share", "1", "their product c: σ_num² = σ_interval² + (c θ_bump)²"),
         ),
     ),
     "sigma_num_runs": (
         _RUN_ID,
         _text("role", "model: fitted to; check: not seen by the model"),
-        _text("class", "bump, mixed, zigzag, unsettled or none"),
+        _text("class", "bump, mixed, zigzag; none: not settled"),
         *_GEOMETRY,
         _text("stiffness_set", "name of the membrane"),
         _text("mode", "bump, zigzag, mixed or none"),
@@ -526,7 +595,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _real("bump_angle_deg", "°", "angle of full bump motion, arctan(1/N_p)"),
         *_nullable(
             _real("migration_angle_deg", "°", "θ_m at default settings"),
-            _real("sigma_orbit_deg", "°", "how well the motion repeats"),
+            _real("half_width_deg", "°", "half of the 95 % interval of θ_m"),
             _real("wall_time_s", "s", "wall time at default settings"),
             _real("spacing_um", "µm", "lattice spacing at default settings"),
             _real("reference_angle_deg", "°", "θ_m at the combined reference"),
@@ -534,7 +603,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _text("reference_mode", "mode at the combined reference"),
         _text("reference_status", "how the run at the combined reference ended"),
         *_nullable(
-            _real("reference_sigma_orbit_deg", "°", "how well that motion repeats"),
+            _real("reference_half_width_deg", "°", "half of the 95 % interval of that angle"),
             _real("reference_wall_time_s", "s", "wall time at the combined reference"),
             _real("reference_spacing_um", "µm", "lattice spacing at the combined reference"),
             _real("error_deg", "°", "θ_m at default settings minus that at the reference"),
@@ -647,12 +716,12 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _text("model", "regressor"),
         _count("repeat", "number of the split into arrays learnt from and held out"),
         _count("geometries", "arrays learnt from"),
-        _count("runs", "runs learnt from"),
-        _count("n_test", "runs of the arrays held out"),
+        _count("outcomes", "outcomes learnt from"),
+        _count("n_test", "outcomes of the arrays held out"),
         _real("rmse_deg", "°", "root mean squared error on the arrays held out"),
         _real("mae_deg", "°", "mean absolute error on them"),
         _real("fit_time_s", "s", "time of the fit"),
-        _real("simulation_time_s", "s", "wall time of the runs learnt from", nullable=True),
+        _real("simulation_time_s", "s", "wall time of the outcomes learnt from", nullable=True),
     ),
     "search_regret": (
         _text("request", "name of the design request"),

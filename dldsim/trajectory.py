@@ -6,6 +6,7 @@ the planes midway between rows; everything is in the units of the positions give
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,54 +78,167 @@ def mode_of(migration_angle_deg: float, row_shift_fraction: float) -> str:
     return "zigzag" if share <= ZIGZAG_TO else "mixed"
 
 
+SETTLED = ("converged", "periodic", "stationary")
+"""Statuses of a run whose settled motion is known."""
+DECIDED = ("decided", "coexisting")
+"""Statuses of an outcome whose angle is known."""
+
+
 @dataclass(frozen=True)
 class Migration:
-    """Result of a path; angles [°] are None where the path is too short for them."""
+    """Result of one release; angles [°] are None where the path is too short for them.
+
+    ``status``: converged, periodic, stationary, undecided; stuck, unstable, failed (no angles).
+    ``angle_low_deg``, ``angle_high_deg``: 95 % interval of the settled mean.
+    """
 
     status: str
     reason: str
     mode: str
     migration_angle_deg: float | None
+    angle_low_deg: float | None
+    angle_high_deg: float | None
     first_period_angle_deg: float | None
-    sigma_orbit_deg: float | None
     orbit_rows: int
+    settled_row: int | None
+    row_map_peak: float | None
+    transition_distance: float | None
+    capture_chance: float | None
     lateral_steps: np.ndarray
 
 
-def analyse_path(
-    lateral: np.ndarray, pitch: float, periodicity: int, tolerance: float
-) -> Migration:
+def analyse_path(lateral: np.ndarray, pitch: float, periodicity: int, control) -> Migration:
     """Migration of a cell from its lateral positions at the row crossings (rows + 1,).
 
-    Status "converged" (repeats every row), "periodic" (every p rows) or "period_limit" (does not
-    repeat; the angle is that of the second half, at least N_p rows). ``sigma_orbit_deg`` is how
-    well the motion repeats: the drift on an orbit, else the change against the rows before.
+    Status "converged" (repeats every row), "periodic" (every p rows) or "undecided" (does not
+    repeat; the angle is that of the second half, at least N_p rows, and the interval reaches up to
+    the bump angle). ``control``: its `orbit_tolerance` is the drift of an orbit.
     """
     rows = len(lateral) - 1
     steps = np.diff(lateral)
-    first = angle_deg(lateral, periodicity, pitch, periodicity) if rows >= periodicity else None
-    orbit = find_orbit(lateral, pitch, periodicity, tolerance)
-    if orbit:
-        window = orbit.rows * max(1, periodicity // orbit.rows)
-        angle = angle_deg(lateral, window, pitch)
-        sigma = math.degrees(math.atan(abs(orbit.drift) / periodicity))
-        status = "converged" if orbit.rows == 1 else "periodic"
-        reason = (
-            f"the motion repeats every {orbit.rows} row(s) with a drift of "
-            f"{abs(orbit.drift):.3f} row shifts per row"
-        )
-    elif rows >= periodicity:
-        window = max(periodicity, rows // 2)
-        angle = angle_deg(lateral, window, pitch)
-        back = min(window, rows - window)
-        before = angle_deg(lateral, back, pitch, rows - window) if back else None
-        sigma = None if before is None else abs(angle - before)
-        status = "period_limit"
-        reason = f"the motion did not repeat in {rows} rows; angle of the last {window} rows"
-    else:
+    if rows < periodicity:
         return Migration(
-            "period_limit", f"only {rows} rows, fewer than one period of {periodicity}", "none",
-            None, None, None, 0, steps,
+            "undecided", f"only {rows} rows, fewer than one period of {periodicity}", "none",
+            None, None, None, None, 0, None, None, None, None, steps,
         )  # fmt: skip
-    mode = mode_of(angle, 1 / periodicity)
-    return Migration(status, reason, mode, angle, first, sigma, orbit.rows if orbit else 0, steps)
+    first = angle_deg(lateral, periodicity, pitch, periodicity)
+    bump = math.degrees(math.atan(1 / periodicity))
+    peak = float(steps[-max(periodicity, rows // 2) :].max() * periodicity / pitch)
+    orbit = find_orbit(lateral, pitch, periodicity, control.orbit_tolerance)
+    if orbit:
+        angle = angle_deg(lateral, orbit.rows * max(1, periodicity // orbit.rows), pitch)
+        half = math.degrees(math.atan(abs(orbit.drift) / periodicity))
+        return Migration(
+            "converged" if orbit.rows == 1 else "periodic",
+            f"the motion repeats every {orbit.rows} row(s) with a drift of "
+            f"{abs(orbit.drift):.3f} row shifts per row",
+            mode_of(angle, 1 / periodicity), angle, angle - half, angle + half, first, orbit.rows,
+            rows - max(orbit.rows, periodicity), peak, peak - 1, 0.0, steps,
+        )  # fmt: skip
+    window = max(periodicity, rows // 2)
+    angle = angle_deg(lateral, window, pitch)
+    return Migration(
+        "undecided", f"the motion did not repeat in {rows} rows; angle of the last {window} rows",
+        mode_of(angle, 1 / periodicity), angle, min(angle, 0.0), max(angle, bump), first, 0, None,
+        peak, peak - 1, None, steps,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a cell does that enters anywhere: mean over the flux of cells, angles [°].
+
+    ``status``: decided, coexisting (releases end in different motions), undecided, stuck, unstable,
+    failed. ``settled_row``: most rows until a release has settled.
+    """
+
+    status: str
+    reason: str
+    mode: str
+    migration_angle_deg: float | None
+    angle_low_deg: float | None
+    angle_high_deg: float | None
+    angle_spread_deg: float | None
+    share_bump: float
+    share_mixed: float
+    share_zigzag: float
+    share_none: float
+    coexisting: bool
+    settled_row: int | None
+    transition_distance: float | None
+    releases: int
+
+
+def flux_shares(fractions: Sequence[float]) -> np.ndarray:
+    """Share of the flux of cells that each place of release (gap fraction 0 to 1) stands for.
+
+    Parabolic profile 6 f (1 − f), cut at the midpoints between places.
+    """
+    places = np.asarray(fractions, float)
+    order = np.argsort(places)
+    cuts = np.r_[0.0, (places[order][1:] + places[order][:-1]) / 2, 1.0]
+    shares = np.empty(len(places))
+    shares[order] = np.diff(cuts**2 * (3 - 2 * cuts))
+    return shares
+
+
+def outcome_of(migrations: Mapping[float, Migration], periodicity: int) -> Outcome:
+    """Outcome of the releases, keyed by their gap fraction."""
+    runs = list(migrations.values())
+    shares = flux_shares([*migrations])
+    by_mode = {mode: float(sum(s for s, m in zip(shares, runs, strict=True) if m.mode == mode))
+               for mode in ("bump", "mixed", "zigzag", "none")}
+    known = [(s, m) for s, m in zip(shares, runs, strict=True) if m.migration_angle_deg is not None]
+    angles = [m.migration_angle_deg for _, m in known]
+    modes = {m.mode for _, m in known}
+    broken = [m for m in runs if m.status in ("failed", "unstable", "stuck")]
+    open_ = [m for m in runs if m.status == "undecided"]
+    coexisting = len(modes) > 1
+    if broken:
+        status, reason = broken[0].status, broken[0].reason
+    elif open_:
+        status, reason = "undecided", open_[0].reason
+    elif coexisting:
+        status, reason = "coexisting", f"the releases end in {', '.join(sorted(modes))}"
+    else:
+        status, reason = "decided", f"{len(runs)} release(s) end in the same motion"
+    if broken or not known:
+        angle = low = high = None
+    else:
+        weight = sum(s for s, _ in known)
+        angle, low, high = (
+            float(sum(s * getattr(m, name) for s, m in known) / weight)
+            for name in ("migration_angle_deg", "angle_low_deg", "angle_high_deg")
+        )
+    settled = [m.settled_row for m in runs]
+    distances = [m.transition_distance for m in runs if m.transition_distance is not None]
+    return Outcome(
+        status, reason, "none" if angle is None else mode_of(angle, 1 / periodicity), angle, low,
+        high, max(angles) - min(angles) if angles else None,
+        *(by_mode[mode] for mode in ("bump", "mixed", "zigzag", "none")), coexisting,
+        None if None in settled else max(settled, default=None),
+        min(distances, key=abs, default=None), len(runs),
+    )  # fmt: skip
+
+
+NEAR = 0.15
+"""Distance from the transition within which all places are tried."""
+
+
+def next_release(
+    migrations: Mapping[float, Migration], places: Sequence[float], periodicity: int
+) -> float | None:
+    """The next place to try, in the given order, or None when enough is known.
+
+    Two settled releases of one mode, overlapping intervals and far from the transition are enough.
+    """
+    left = [place for place in places if place not in migrations]
+    runs = list(migrations.values())
+    if not left or any(m.status in ("failed", "unstable") for m in runs):
+        return None
+    if len(runs) >= 2 and all(m.status in SETTLED for m in runs):
+        same = len({m.mode for m in runs}) == 1
+        far = all(abs(m.transition_distance or 0.0) > NEAR for m in runs)
+        if same and far:
+            return None
+    return left[0]

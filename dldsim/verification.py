@@ -1,7 +1,7 @@
 """Candidates become designs: both cell types are simulated in the array that was searched for.
 
-Prediction and simulation are compared, the runs are learnt from, and the search begins anew, until
-they agree or the budget is spent.
+Prediction and simulation are compared, the outcomes are learnt from, and the search begins anew,
+until they agree or the budget is spent.
 """
 
 import json
@@ -15,7 +15,7 @@ import pandas as pd
 
 from dldsim import accuracy, campaign
 from dldsim.calibration import stiffness_for
-from dldsim.config import Cell, DesignRequest, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config import CellShape, DesignRequest, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.config import Verification as Budget
 from dldsim.design import (
     GEOMETRY,
@@ -29,9 +29,17 @@ from dldsim.design import (
 )
 from dldsim.errors import DldsimError
 from dldsim.export import Verified, export_design
-from dldsim.jobs import NOT_JOINED, Progress, flow_row, provenance
+from dldsim.jobs import (
+    OutcomeFiles,
+    Partial,
+    Progress,
+    flow_row,
+    made_with,
+    provenance,
+    write_outcome,
+)
 from dldsim.surrogate import Surrogate
-from dldsim.tables import COLUMNS, describe, read_columns, read_rows, write_table
+from dldsim.tables import COLUMNS, read_columns, read_rows, write_table
 from dldsim.trajectory import mode_of
 
 SHAPES_EVERY = 2
@@ -101,18 +109,18 @@ def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) ->
 class Scene(NamedTuple):
     """What the campaign simulates with."""
 
-    cell: Cell
+    cell: CellShape
     flow: Flow
     numerics: Numerics
     control: RunControl
 
 
 class Simulator:
-    """Runs of a verification, each kept on disk as soon as it is finished, and used again.
+    """Outcomes of a verification, each release kept on disk as soon as it is done, and used again.
 
-    Called with geometry, population and channel height [µm] it returns the run's row of `runs`. A
-    run is found again if everything it depends on is the same. The cell has its real radius: what
-    similarity assumes (height/R and membrane numbers unchanged) is part of what is checked.
+    Called with geometry, population and channel height [µm] it returns the row of `outcomes`. An
+    outcome is found again if everything it depends on is the same. The cell has its real radius:
+    what similarity assumes (height/R and membrane numbers unchanged) is part of what is checked.
     """
 
     def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
@@ -130,11 +138,11 @@ class Simulator:
             "geometry": geometry.model_dump(mode="json"),
         }
         name = self.name(geometry, population, height_um)
-        row_file, trajectory, shapes = self._files(name)
+        files, shapes = self._files(name)
         digest = campaign.settings_hash(settings)
-        if not (shapes.exists() and _made_with(row_file, digest)):
-            self._simulate(geometry, population, height_um, name, digest)
-        [row] = read_rows("runs", row_file)
+        if not (shapes.exists() and made_with(files.outcome, digest)):
+            self._simulate(geometry, population, height_um, name, settings)
+        [row] = read_rows("outcomes", files.outcome)
         sigma, basis = accuracy.numerical_uncertainty(row, scene.control.model_dump(), self.model)
         return {
             **row, "deformation_index": population.deformation_index,
@@ -143,56 +151,69 @@ class Simulator:
         }  # fmt: skip
 
     def name(self, geometry: Geometry, population: Population, height_um: float) -> str:
-        """Identifier of a run; another height than the campaign's is part of it, in nm."""
+        """Identifier of an outcome; another height than the campaign's is part of it, in nm."""
         name = population.name
         if height_um != self.scene.flow.height_um:
             name += f"-h{1e3 * height_um:.0f}"
-        return campaign.run_id(campaign.Run(geometry, name))
+        return campaign.outcome_id(campaign.Pair(geometry, name))
 
     def passage(self, row: Mapping[str, Any]) -> Verified:
-        """A finished run with its trajectory and recorded shapes."""
+        """A finished outcome with trajectory and recorded shapes of its first release."""
         from dldsim.vtk import read_vtkhdf
 
-        _, trajectory, shapes = self._files(row["run_id"])
-        columns = read_columns("trajectory", trajectory).to_pydict()
-        return Verified(row, {k: np.array(v) for k, v in columns.items()}, read_vtkhdf(shapes))
+        files, shapes = self._files(row["outcome_id"])
+        columns = read_columns("trajectory", files.trajectory).to_pydict()
+        columns = {k: np.array(v) for k, v in columns.items()}
+        first = columns["run_id"] == columns["run_id"][0]
+        return Verified(row, {k: v[first] for k, v in columns.items()}, read_vtkhdf(shapes))
 
     def resistance(self, geometry: Geometry) -> dict[str, Any]:
         """Row of `flows` of an array at the campaign's height, from the solver."""
         path = self.directory / f"{campaign.geometry_id(geometry)}.flow.parquet"
         scene = self.scene
         settings = {"flow": scene.flow.model_dump(), "numerics": scene.numerics.model_dump()}
-        if not _made_with(path, campaign.settings_hash(settings)):
+        if not made_with(path, campaign.settings_hash(settings)):
             row = flow_row(self._empty_flow(geometry, scene.flow.height_um))
             write_table("flows", [row], path, provenance(settings))
         [row] = read_rows("flows", path)
         return row
 
-    def _simulate(self, geometry, population, height_um, name: str, digest: str) -> None:
-        from dldsim.vtk import simulate_with_shapes, write_vtkhdf
+    def _simulate(self, geometry, population, height_um, name: str, settings: Mapping) -> None:
+        from dldsim.simulation import simulate_outcome
+        from dldsim.vtk import Recorder, write_vtkhdf
 
         scene = self._at(height_um)
-        result, shapes = simulate_with_shapes(
+        files, shapes = self._files(name)
+        kept = Partial(self.directory / name, name, settings)
+        places = scene.control.release_gap_fractions
+        finished = kept.finished(places) if shapes.exists() else {}
+        recorder = Recorder(SHAPES_EVERY)
+
+        def keep(place: float, result) -> None:
+            if place == places[0]:
+                write_vtkhdf(recorder.shapes(geometry, result), shapes, provenance(settings))
+            kept.keep(place, result)
+
+        result = simulate_outcome(
             geometry, population.stiffness, self._cell(population), scene.flow, scene.numerics,
-            scene.control, run_id=name, stiffness_set=name.rpartition("_s")[2], every=SHAPES_EVERY,
-            empty_flow=self._empty_flow(geometry, height_um), progress=self.progress,
+            scene.control, outcome_id=name, stiffness_set=name.rpartition("_s")[2],
+            empty_flow=self._empty_flow(geometry, height_um), finished=finished, keep=keep,
+            observe=recorder, progress=self.progress,
         )  # fmt: skip
-        row_file, trajectory, vtkhdf = self._files(name)
-        about = {"config_hash": digest, "seed": None}
-        write_table("trajectory", result.trajectory, trajectory, about)
-        write_vtkhdf(shapes, vtkhdf, about)
-        write_table("runs", [{**NOT_JOINED, **result.row}], row_file, about)
+        write_outcome(result, files, settings)
+        kept.remove()
 
     def _at(self, height_um: float) -> Scene:
         flow = self.scene.flow.model_copy(update={"height_um": height_um})
         return self.scene._replace(flow=flow)
 
-    def _cell(self, population: Population) -> Cell:
+    def _cell(self, population: Population) -> CellShape:
         return self.scene.cell.model_copy(update={"radius_um": population.radius_um})
 
-    def _files(self, name: str) -> list[Path]:
-        return [self.directory / f"{name}{ending}"
-                for ending in (".run.parquet", ".trajectory.parquet", ".vtkhdf")]
+    def _files(self, name: str) -> tuple[OutcomeFiles, Path]:
+        """Tables of an outcome, and the shapes of its first release."""
+        tables = (self.directory / f"{name}.{kind}.parquet" for kind in OutcomeFiles._fields)
+        return OutcomeFiles(*tables), self.directory / f"{name}.vtkhdf"
 
     def _empty_flow(self, geometry: Geometry, height_um: float):
         """Flow without a cell; the last one is kept, which both cell types share."""
@@ -205,32 +226,20 @@ class Simulator:
         return self._flow[1]
 
 
-def _made_with(path: Path, digest: str) -> bool:
-    """Whether a table exists, is readable, of this physics, and made with these settings."""
-    if not path.exists():
-        return False
-    try:
-        about = describe(path)["provenance"]
-        read_columns(describe(path)["kind"], path)
-    except DldsimError:
-        return False
-    return about["config_hash"] == digest
-
-
-class Outcome(NamedTuple):
-    """Of one request: rows of `verifications` and `verified_designs`, the runs to learn from, and
-    the candidates (`designs`) of the last search."""
+class Verdicts(NamedTuple):
+    """Of one request: rows of `verifications` and `verified_designs`, the outcomes to learn from,
+    the candidates (`designs`) of the last search, and the rows of `outcomes` by identifier."""
 
     verifications: pd.DataFrame
     designs: pd.DataFrame
-    runs: pd.DataFrame
+    outcomes: pd.DataFrame
     candidates: pd.DataFrame
     rows: dict[str, dict]
 
 
 def verify(
     surrogate: Surrogate,
-    runs: pd.DataFrame,
+    outcomes: pd.DataFrame,
     request: DesignRequest,
     chip: Chip,
     budget: Budget,
@@ -241,18 +250,19 @@ def verify(
     fit: Callable[[pd.DataFrame, int], Surrogate] | None = None,
     resistance: Callable[[Geometry], Mapping[str, Any]] | None = None,
     progress: Progress | None = None,
-) -> Outcome:
+) -> Verdicts:
     """Search, simulate, compare and learn, in rounds.
 
     A round searches on the surrogate, simulates both cell types in the best candidates that have
-    not been simulated, and in arrays near a mode transition, and refits the surrogate to all runs.
+    not been simulated, and in arrays near a mode transition, and refits the surrogate to them
+    all.
     Rounds end when every new prediction of a candidate is confirmed and had told the order of the
     two cells, when the best candidates have all been simulated, or with the budget. A prediction is
     confirmed if the simulated value, with ± σ_num, meets its interval; it is compared only where
     the surrogate interpolates.
 
-    ``request``: by deformation indices. ``simulate`` returns a row of `runs`; ``resistance`` a row
-    of `flows`. The best verified design is simulated at ± height_tolerance_um too.
+    ``request``: by deformation indices. ``simulate`` returns a row of `outcomes`; ``resistance``
+    one of `flows`. The best verified design is simulated at ± height_tolerance_um too.
 
     Raises DldsimError as `search` does.
     """
@@ -276,12 +286,12 @@ def verify(
         if not new:
             stopped = f"round {number}: the best candidates have been simulated before"
             break
-        known = pd.concat([runs[GEOMETRY], pd.DataFrame(tried, columns=GEOMETRY)])
+        known = pd.concat([outcomes[GEOMETRY], pd.DataFrame(tried, columns=GEOMETRY)])
         near = transition_geometries(task, known, budget.transition_geometries)
         agreements, before = [], len(rows)
         for role, place in [*(("design", c) for c in new), *(("transition", g) for g in near)]:
-            if spent + 2 > budget.runs_max:
-                stopped = f"round {number}: budget of {budget.runs_max} runs spent"
+            if spent + 2 > budget.outcomes_max:
+                stopped = f"round {number}: budget of {budget.outcomes_max} outcomes spent"
                 break
             array = len(pairs) + 1
             geometry = Geometry(**{name: place[name] for name in GEOMETRY})
@@ -294,11 +304,11 @@ def verify(
             pairs[array] = {"place": geometry.model_dump(), "role": role, "round": number,
                             "rows": found, "difference": compared[2],
                             "design": place if role == "design" else None}
-            rows |= {row["run_id"]: row for row in found}
+            rows |= {row["outcome_id"]: row for row in found}
             if role == "design":
                 agreements.append(_settles(compared[2]))
         if len(rows) > before:
-            learnt = fit(_with(runs, rows), campaign.derive_seed(seed, f"fit {number}"))
+            learnt = fit(_with(outcomes, rows), campaign.derive_seed(seed, f"fit {number}"))
         if stopped.startswith("round"):
             break
         if agreements and all(agreements):
@@ -307,29 +317,29 @@ def verify(
     task = Task(learnt, request, chip, seed)
     designs = _verified(task, pairs, resistance, stopped)
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
-        heights = _height_runs(task, designs, populations, simulate, budget.runs_max - spent)
+        heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
         records += heights
         designs = _with_heights(designs, heights, chip.flow.height_um)
-    return Outcome(pd.DataFrame(records, columns=VERIFICATION_COLUMNS), designs, _with(runs, rows),
-                   candidates, rows)
+    return Verdicts(pd.DataFrame(records, columns=VERIFICATION_COLUMNS), designs,
+                    _with(outcomes, rows), candidates, rows)
 
 
 VERIFICATION_COLUMNS = [
-    "request", "round", "role", "array", "population", *GEOMETRY, "height_um", "run_id",
+    "request", "round", "role", "array", "population", *GEOMETRY, "height_um", "outcome_id",
     "deformation_index", "cell_radius_um", "ks_uN_per_m", "stiffness_basis", "predicted_deg",
     "predicted_low_deg", "predicted_high_deg", "simulated_deg", "sigma_num_deg", "predicted_mode",
     "mode", "status", "wall_time_s", "agrees", "verdict", "note",
 ]  # fmt: skip
 
 
-def _with(runs: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
-    """The table of runs with the verifying runs that could start below."""
+def _with(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
+    """The table of outcomes with the verifying ones that could start below."""
     done = [row for row in rows.values() if row["status"] != "failed"]
     if not done:
-        return runs
-    numbers = {name: kind for name, kind in runs.dtypes.items() if kind.kind in "fi"}
-    added = pd.DataFrame(done)[list(runs.columns)].astype(numbers)
-    return pd.concat([runs, added], ignore_index=True)
+        return outcomes
+    numbers = {name: kind for name, kind in outcomes.dtypes.items() if kind.kind in "fi"}
+    added = pd.DataFrame(done)[list(outcomes.columns)].astype(numbers)
+    return pd.concat([outcomes, added], ignore_index=True)
 
 
 def _settles(difference: Mapping[str, Any]) -> bool:
@@ -340,7 +350,7 @@ def _settles(difference: Mapping[str, Any]) -> bool:
 
 def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
                    height_um: float) -> list[dict]:
-    """Rows of `runs` of both cell types; a run that cannot start has status "failed"."""
+    """Rows of `outcomes` of both cell types; one that cannot start has status "failed"."""
     found = []
     for population in populations:
         try:
@@ -352,9 +362,9 @@ def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Populatio
 
 def _failed(geometry: Geometry, population: Population, height_um: float, reason: str) -> dict:
     return {
-        **{c.name: None for c in COLUMNS["runs"]}, **geometry.model_dump(),
+        **{c.name: None for c in COLUMNS["outcomes"]}, **geometry.model_dump(),
         **population.stiffness.model_dump(),
-        "run_id": campaign.run_id(campaign.Run(geometry, population.name)),
+        "outcome_id": campaign.outcome_id(campaign.Pair(geometry, population.name)),
         "stiffness_set": population.name, "pitch_um": geometry.pitch_um,
         "row_shift_fraction": geometry.row_shift_fraction, "height_um": height_um,
         "cell_radius_um": population.radius_um, "status": "failed", "stop_reason": reason,
@@ -376,7 +386,7 @@ def compare(task: Task, populations: Sequence[Population], geometry: Geometry,
         row = found[k]
         rows.append(_judged({
             "population": str(population.number), **geometry.model_dump(),
-            "run_id": row["run_id"], "deformation_index": population.deformation_index,
+            "outcome_id": row["outcome_id"], "deformation_index": population.deformation_index,
             "cell_radius_um": population.radius_um, "ks_uN_per_m": population.stiffness.ks_uN_per_m,
             "stiffness_basis": population.basis, "predicted_deg": angles[k],
             "simulated_deg": row["migration_angle_deg"], "sigma_num_deg": row["sigma_num_deg"],
@@ -389,7 +399,7 @@ def compare(task: Task, populations: Sequence[Population], geometry: Geometry,
     sigmas = [r["sigma_num_deg"] for r in found]
     rows.append(_judged({
         "population": "difference", **geometry.model_dump(),
-        "run_id": f"{first['run_id']}, {second['run_id']}", "deformation_index": None,
+        "outcome_id": f"{first['outcome_id']}, {second['outcome_id']}", "deformation_index": None,
         "cell_radius_um": None, "ks_uN_per_m": None, "stiffness_basis": "",
         "predicted_deg": angles[1] - angles[0],
         "simulated_deg":
@@ -424,12 +434,8 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
 
 
 def _note(row: Mapping[str, Any]) -> str:
-    """What a reader must know of a run: that its angle is not settled, or why there is none."""
-    if row["status"] in ("converged", "periodic"):
-        return ""
-    if row["status"] == "period_limit":
-        return "motion not settled at the row limit"
-    return row["stop_reason"]
+    """What a reader must know of an outcome that is not decided."""
+    return "" if row["status"] == "decided" else f"{row['status']}: {row['stop_reason']}"
 
 
 def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -> pd.DataFrame:
@@ -569,19 +575,19 @@ def _with_heights(designs: pd.DataFrame, heights: Sequence[Mapping], height_um: 
 
 
 def export(
-    outcome: Outcome, request: DesignRequest, chip: Chip, simulator: Simulator, count: int,
+    verdicts: Verdicts, request: DesignRequest, chip: Chip, simulator: Simulator, count: int,
     directory: Path, about: Mapping[str, Any], card: Mapping[str, Any],
 ) -> dict[str, dict[str, Path]]:
     """Files of the best verified designs, by name; those without both angles have none."""
     written = {}
-    table = outcome.verifications
-    for _, design in outcome.designs.head(count).iterrows():
+    table = verdicts.verifications
+    for _, design in verdicts.designs.head(count).iterrows():
         if pd.isna(design["separation_deg"]):
             continue
         of_design = table[(table["array"] == design["array"]) & (table["role"] == "design")]
         predicted = of_design.set_index("population")["predicted_deg"]
-        passages = [simulator.passage(outcome.rows[name])
-                    for name in of_design["run_id"][of_design["population"] != "difference"]]
+        passages = [simulator.passage(verdicts.rows[name])
+                    for name in of_design["outcome_id"][of_design["population"] != "difference"]]
         values = {key: value for key, value in design.items() if key not in ("name", "array")} | {
             "angle_1_deg": predicted["1"], "angle_2_deg": predicted["2"],
             "simulated_angle_1_deg": design["angle_1_deg"],
@@ -600,20 +606,20 @@ def plain(table: pd.DataFrame) -> list[dict]:
     return json.loads(json.dumps(rows, default=lambda v: v.item()))
 
 
-def conditions(runs: pd.DataFrame, scene: Scene) -> None:
-    """Refuse a table of runs made under other conditions than the scene's.
+def conditions(outcomes: pd.DataFrame, scene: Scene) -> None:
+    """Refuse a table of outcomes made under other conditions than the scene's.
 
     Raises DldsimError that names what differs.
     """
     wanted = {"cell_shape": scene.cell.shape, "height_um": scene.flow.height_um,
               "mean_velocity_mm_s": scene.flow.mean_velocity_mm_s}
     for name, value in wanted.items():
-        if name not in runs:
-            raise DldsimError(f"The table of runs lacks the column {name}.")
-        other = sorted(set(runs[name]) - {value})
+        if name not in outcomes:
+            raise DldsimError(f"The table of outcomes lacks the column {name}.")
+        other = sorted(set(outcomes[name]) - {value})
         if other:
             raise DldsimError(
-                f"The runs were made with {name} = {', '.join(map(str, other))}, the configuration "
-                f"has {value}. A design holds only for what was simulated: give the configuration "
-                "of that campaign with --config."
+                f"The outcomes were made with {name} = {', '.join(map(str, other))}, the "
+                f"configuration has {value}. A design holds only for what was simulated: give the "
+                "configuration of that campaign with --config."
             )

@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.config import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config import Geometry
 from dldsim.errors import DldsimError
 from dldsim.mesh import area_vectors
 from dldsim.tables import atomic_path
 
 if TYPE_CHECKING:
-    from dldsim.flow import EmptyFlow
-    from dldsim.simulation import Progress, RunResult
+    from dldsim.simulation import RunResult
 
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 """Kinds of PolyData cells in the order of the specification."""
@@ -66,48 +65,32 @@ class Shapes:
         return float(np.linalg.norm(self.centre_um - path, axis=1).max())
 
 
-def simulate_with_shapes(
-    geometry: Geometry,
-    stiffness: Stiffness,
-    cell: Cell,
-    flow: Flow,
-    numerics: Numerics,
-    control: RunControl,
-    *,
-    run_id: str,
-    stiffness_set: str,
-    every: int = 1,
-    empty_flow: "EmptyFlow | None" = None,
-    progress: "Progress" = None,
-) -> "tuple[RunResult, Shapes]":
-    """`simulate_run`, and the membrane at every ``every``-th sample of its trajectory.
+class Recorder:
+    """Observer of `simulate_run`: the membrane at every ``every``-th sample of the trajectory.
 
-    Raises DldsimError where that does.
+    Of several runs one after the other, `shapes` is about the last.
     """
-    from dldsim.simulation import simulate_run
 
-    points, faces, records = [], [], []
+    def __init__(self, every: int = 1):
+        self.every = every
+        self._points, self._faces, self._record = [], None, None
 
-    def observe(scene, record) -> None:
-        if not records or records[-1] is not record:  # the run may begin anew
-            points.clear()
-            records.append(record)
-            faces.append(np.array(scene.membrane.faces, dtype=np.int32))
-        if (len(record.samples) - 1) % every == 0:
+    def __call__(self, scene, record) -> None:
+        if self._record is not record:  # another run, or the run has begun anew
+            self._points, self._record = [], record
+            self._faces = np.array(scene.membrane.faces, dtype=np.int32)
+        if (len(record.samples) - 1) % self.every == 0:
             spacing = record.units.spacing_um
-            points.append(((scene.body.x - record.origin) * spacing).astype(np.float32))
+            self._points.append(((scene.body.x - record.origin) * spacing).astype(np.float32))
 
-    result = simulate_run(
-        geometry, stiffness, cell, flow, numerics, control, run_id=run_id,
-        stiffness_set=stiffness_set, empty_flow=empty_flow, observe=observe, progress=progress,
-    )  # fmt: skip
-    kept = {name: values[::every] for name, values in result.trajectory.items()}
-    shapes = Shapes(
-        geometry, json.loads(result.row["numerics"])["height_on_lattice_um"], cell.radius_um,
-        kept["step"], kept["t_ms"], np.column_stack([kept[f"{axis}_um"] for axis in "xyz"]),
-        np.stack(points), faces[-1],
-    )  # fmt: skip
-    return result, shapes
+    def shapes(self, geometry: Geometry, result: "RunResult") -> Shapes:
+        """What was recorded of this run."""
+        kept = {name: values[:: self.every] for name, values in result.trajectory.items()}
+        return Shapes(
+            geometry, result.row["height_on_lattice_um"], result.row["cell_radius_um"],
+            kept["step"], kept["t_ms"], np.column_stack([kept[f"{axis}_um"] for axis in "xyz"]),
+            np.stack(self._points), self._faces,
+        )  # fmt: skip
 
 
 def write_vtkhdf(shapes: Shapes, path: Path, about: Mapping[str, Any]) -> None:

@@ -123,7 +123,7 @@ def test_candidates_simulated_before_end_the_rounds():
 
 def test_budget_is_never_exceeded():
     nature = Nature(flat)
-    outcome = check(Known(summit), nature, rounds=9, designs_per_round=3, runs_max=5,
+    outcome = check(Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5,
                     height_runs=True)
     assert len(nature.asked) == 4
     assert outcome.designs["stopped"].iloc[0] == "round 1: budget of 5 runs spent"

@@ -206,7 +206,7 @@ def test_a_killed_worker_is_replaced(serve):
 def test_a_verdict_is_attached_when_it_is_ready(serve, tmp_path):
     settings = yaml.safe_load((Path(__file__).parents[2] / "config.yaml").read_text())
     settings["verification"] = {"rounds": 1, "designs_per_round": 1, "transition_geometries": 0,
-                                "height_runs": False, "exports": 1, "runs_max": 2}
+                                "height_runs": False, "exports": 1, "outcomes_max": 2}
     config = tmp_path / "config.yaml"
     config.write_text(yaml.safe_dump(settings))
     service = serve(config=config)
