@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from dldsim import reference_study, spot_check, uncertainty
-from dldsim.campaign import Run, parse_run, run_id
-from dldsim.config import Config, Geometry
-from dldsim.jobs import NOT_JOINED, Progress, provenance
+from dldsim.campaign import Pair, outcome_id, parse_outcome
+from dldsim.config import CellShape, Config, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.jobs import NOT_JOINED, Partial, Progress, provenance
 from dldsim.reference_study import CAMPAIGN, Row
 from dldsim.tables import atomic_path, read_rows, write_csv, write_table
 
@@ -24,8 +24,6 @@ Simulator = Callable[[str, Geometry, str, Mapping[str, Any]], Row]
 def simulator(partial: Path, progress: Progress) -> Simulator:
     """A Simulator that keeps finished releases under ``partial`` while it is at work."""
     def simulate(identifier, geometry, stiffness_set, settings):
-        from dldsim.config import CellShape, Flow, Numerics, RunControl, Stiffness
-        from dldsim.jobs import Partial
         from dldsim.simulation import simulate_outcome
 
         control = RunControl(**settings["run_control"])
@@ -44,7 +42,7 @@ def simulator(partial: Path, progress: Progress) -> Simulator:
 
 def outcome_job(identifier: str, settings: Mapping, *, row: Path, simulate: Simulator) -> None:
     """One outcome of a pair or of the spot check, its row of `outcomes`."""
-    geometry, stiffness_set = parse_run(identifier)
+    geometry, stiffness_set = parse_outcome(identifier)
     found = simulate(identifier, geometry, stiffness_set, settings)
     write_table("outcomes", [found], row, provenance(settings))
 
@@ -59,7 +57,7 @@ def point_job(identifier: str, settings: Mapping, *, before: Path | None, start:
     search = reference_study.parse_search(identifier)
 
     def simulate_array(geometry: Geometry, numerics: Mapping[str, Any]) -> Row:
-        name = run_id(Run(geometry, search.stiffness_set))
+        name = outcome_id(Pair(geometry, search.stiffness_set))
         return simulate(name, geometry, search.stiffness_set, {**settings, "numerics": numerics})
 
     points = reference_study.advance(

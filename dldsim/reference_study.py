@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dldsim.campaign import geometry_id, parse_run
+from dldsim.campaign import geometry_id, parse_outcome
 from dldsim.config import Config, CriticalGap, Geometry, Reference
 from dldsim.errors import DldsimError
 
@@ -52,7 +52,7 @@ def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
 
     At the campaign's numerics the cell is released and followed as in the campaign.
     """
-    geometry, stiffness_set = parse_run(run)
+    geometry, stiffness_set = parse_outcome(run)
     common = _common(config)
     if name == CAMPAIGN:
         common["run_control"] = config.run_control.model_dump(mode="json")
@@ -69,7 +69,7 @@ def _common(config: Config) -> dict[str, Any]:
     """Sections that all simulations of the study share, released where the reference says."""
     control = config.run_control.model_dump(mode="json")
     return {
-        "cell": config.cell.model_dump(mode="json", exclude={"release_gap_fraction"}),
+        "cell": config.cell.model_dump(mode="json"),
         "flow": config.flow.model_dump(mode="json"),
         "run_control": control | {"release_gap_fractions": config.reference.releases},
     }

@@ -5,11 +5,14 @@ share of the bump angle. Near the transition they decide the mode. How near is t
 transition distance d (largest lateral step of a row in row shifts minus one) against the error σ_d
 that it was seen to have: the mode is wrong with probability p = Φ(−|d|/σ_d), and
 
-    σ_num² = (h/1.96)² + (c θ_bump)² + p (1 − p) Δ²,
+    σ_num² = (h/1.96)² + (c θ_bump)² + v Δ²,
 
 h half the 95 % interval of the angle, c the share seen in pairs on the same side of the transition,
 Δ the difference of the angle from that of the other side: the bump angle for a cell that does not
-bump; for one that does, zero degrees, the farthest it can fall.
+bump; for one that does, zero degrees, the farthest it can fall. v is the variance p (1 − p) of a
+step of one. A step that is taken is then always 2 standard deviations or more, whatever p: where
+the other mode is within the 95 % that 2 σ stand for, p ≥ 0.05, the mode is open, and v = 1/4, so
+that 2 σ_num reach it.
 """
 
 import json
@@ -31,6 +34,8 @@ MODEL_PATH = Path(__file__).parent / "data" / "reference_outcomes" / "sigma_num.
 ONE_SIGMA = 0.6827
 OF_95_PERCENT = 1.96
 """Half width of a normal 95 % interval over its standard deviation."""
+OPEN_FROM = 0.05
+"""Probability of the other mode from which on the mode is open: less is what 2 σ leave out."""
 CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s")
 RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
@@ -43,6 +48,11 @@ BUMP = "bump"
 def mode_probability(distance: float, sigma_distance: float) -> float:
     """Probability p = Φ(−|d|/σ_d) that the mode is the other one, ½ at d = 0."""
     return 0.5 * math.erfc(abs(distance) / sigma_distance / math.sqrt(2))
+
+
+def step_variance(probability: float) -> float:
+    """Factor v on the square of a step that is taken with a probability p up to ½."""
+    return 0.25 if probability >= OPEN_FROM else probability * (1 - probability)
 
 
 def confidence_factor(pairs: int) -> float:
@@ -121,8 +131,7 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
     None without an angle or a model, for another physics version, for numerics other than those
     studied, and where the study has too few pairs. Under conditions or in arrays beyond the study's
     there is a value that is called extrapolated. Where the outcome is not decided, or the
-    transition distance unknown or at odds with the mode, the mode is open: p = ½ and Δ the bump
-    angle.
+    transition distance unknown or at odds with the mode, p = ½ and Δ is the bump angle.
     """
     if row["migration_angle_deg"] is None:
         return None, NO_ANGLE
@@ -148,12 +157,13 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
         chance = mode_probability(distance, sigma_distance)
         angle = row["migration_angle_deg"]
         step = angle if _bumps(row) else bump - angle
-        why = (f"{abs(distance) / sigma_distance:.1f} σ from the transition, "
+        open_mode = f"{SPANS}, " if chance >= OPEN_FROM else ""
+        why = (f"{open_mode}{abs(distance) / sigma_distance:.1f} σ from the transition, "
                f"{model['distance']['pairs']} studied pairs")
     low, high = row["angle_low_deg"], row["angle_high_deg"]
     half = 0.0 if low is None or high is None else (high - low) / 2
     sigma = math.sqrt((half / OF_95_PERCENT) ** 2 + (share * bump) ** 2
-                      + chance * (1 - chance) * step**2)
+                      + step_variance(chance) * step**2)
     beyond = _differing(model["conditions"], row) + [
         f"{key} = {row[key]:g} (studied {low:g} to {high:g})"
         for key, (low, high) in model["ranges"].items() if not low <= row[key] <= high

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from dldsim import reference_jobs, reference_study, uncertainty
-from dldsim.campaign import parse_run
+from dldsim.campaign import parse_outcome
 from dldsim.config import read_config
 from dldsim.errors import DldsimError
 from dldsim.tables import COLUMNS, read_rows, write_table
@@ -46,22 +46,22 @@ def simulate(identifier, geometry, stiffness_set, settings):
     return outcome(identifier, geometry, numerics, distance_at(geometry, numerics))
 
 
-@pytest.fixture
-def pairs(tmp_path, config):
+@pytest.fixture(scope="module")
+def pairs(tmp_path_factory, config):
     """Files of all pairs of the default plan."""
-    rows = []
+    rows, folder = [], tmp_path_factory.mktemp("pairs")
     for run, name in reference_study.pairs(config):
-        path = tmp_path / f"{run}--{name}.parquet"
+        path = folder / f"{run}--{name}.parquet"
         settings = reference_study.pair_settings(run, name, config)
         reference_jobs.outcome_job(run, settings, row=path, simulate=simulate)
         rows.append((run, name, path))
     return rows
 
 
-@pytest.fixture
-def results(tmp_path, config, pairs):
+@pytest.fixture(scope="module")
+def results(tmp_path_factory, config, pairs):
     """A finished study: tables and model in the folder ``reference`` of results."""
-    folder = tmp_path / "results" / "reference"
+    folder = tmp_path_factory.mktemp("results") / "reference"
     reference_jobs.gather_pairs(pairs, SETTINGS, outcomes=folder / "reference_outcomes.parquet",
                                 model=folder / "sigma_num.json",
                                 check=folder / "sigma_num_check.parquet")
@@ -159,13 +159,14 @@ def test_the_comparison_says_who_disagrees(results, tmp_path, monkeypatch, confi
 def test_the_spot_check_compares_with_the_campaign(tmp_path):
     names = [f"r08.0_g{gap}.0_n10_s1" for gap in (14, 16, 20)]
     numerics = {"spacing_um": 1.2, "reynolds_max": 0.15}
-    rows = [outcome(n, parse_run(n).geometry, numerics, 0.3)
+    rows = [outcome(n, parse_outcome(n).geometry, numerics, 0.3)
             | {"sigma_num_deg": 0.1, "sigma_num_basis": "modelled"} for n in names]
     write_table("outcomes", rows, tmp_path / "outcomes.parquet", {})
     checks = [tmp_path / f"{n}.parquet" for n in names[:2]]
     for row, path, distance in zip(rows, checks, (0.3, -0.3), strict=False):
         name = row["outcome_id"]
-        again = outcome(name, parse_run(name).geometry, numerics | {"spacing_um": 0.6}, distance)
+        finer = numerics | {"spacing_um": 0.6}
+        again = outcome(name, parse_outcome(name).geometry, finer, distance)
         write_table("outcomes", [again], path, {})
     sentence = reference_jobs.gather_spot_check(tmp_path / "outcomes.parquet", checks, SETTINGS,
                                                 table=tmp_path / "spot_check.parquet")

@@ -69,10 +69,20 @@ def test_the_probability_is_that_of_a_normal_error(distance, spread):
 
 @pytest.mark.parametrize("angle", [BUMP, 1.0])
 def test_sigma_falls_with_the_distance_to_the_transition(angle):
+    """Level while the mode is open, to 1.645 σ_d, then falling to what errors within a mode are."""
     sign = 1 if angle == BUMP else -1
-    found = [sigma(angle, sign * d) for d in (0.0, 0.05, 0.1, 0.2, 0.3, 0.8)]
-    assert all(a > b for a, b in zip(found, found[1:], strict=False))
+    found = [sigma(angle, sign * d * SIGMA_D) for d in (0.0, 0.8, 1.64, 1.65, 2.0, 3.0, 8.0)]
+    assert found[0] == found[1] == found[2]
+    assert all(a > b for a, b in zip(found[2:], found[3:], strict=False))
     assert found[-1] == pytest.approx(SHARE * BUMP, rel=1e-9)  # nothing else can happen
+
+
+@given(st.floats(1e-6, 0.5))
+def test_a_step_is_within_two_sigma_or_rarer_than_one_in_twenty(p):
+    """And σ is never below its standard deviation."""
+    v = uncertainty.step_variance(p)
+    assert 2 * math.sqrt(v) >= 1 or p < 0.05
+    assert v >= p * (1 - p)
 
 
 def test_sigma_spans_the_modes_at_the_transition():

@@ -29,7 +29,7 @@ except DldsimError as error:
     raise WorkflowError(str(error)) from None
 
 CONSTRICTIONS = campaign.constrictions(CONFIG)
-SPOT_CHECKED = spot_check.sample(RUNS, CONFIG.seed)
+SPOT_CHECKED = spot_check.sample(OUTCOMES, CONFIG.seed)
 REQUESTS = [request.name for request in CONFIG.design_requests]
 
 
@@ -80,7 +80,7 @@ def accuracy_settings(wildcards):
 
 
 def reference_settings(wildcards):
-    settings = reference_study.pair_settings(wildcards.run, wildcards.numerics, CONFIG)
+    settings = reference_study.pair_settings(wildcards.outcome, wildcards.numerics, CONFIG)
     return {**settings, "physics_version": PHYSICS_VERSION}
 
 
@@ -90,8 +90,8 @@ def search_settings(wildcards):
     return {**settings, "physics_version": PHYSICS_VERSION}
 
 
-def pair_row(run, numerics):
-    return f"{RESULTS}/reference/pairs/{run}--{numerics}.outcome.parquet"
+def pair_row(outcome, numerics):
+    return f"{RESULTS}/reference/pairs/{outcome}--{numerics}.outcome.parquet"
 
 
 def search_point(search, number):
@@ -114,7 +114,7 @@ def points_before(wildcards):
 
 
 def spot_check_settings(wildcards):
-    settings = run_settings(wildcards)
+    settings = outcome_settings(wildcards)
     return {**settings, **spot_check.check_sections(settings)}
 
 

@@ -5,18 +5,18 @@
 rule reference_pair:
     output:
         row=ensure(
-            f"{RESULTS}/reference/pairs/{{run}}--{{numerics}}.outcome.parquet",
+            f"{RESULTS}/reference/pairs/{{outcome}}--{{numerics}}.outcome.parquet",
             non_empty=True,
         ),
     params:
         settings=reference_settings,
         partial=f"{RESULTS}/reference/partial/{{numerics}}",
     log:
-        f"{RESULTS}/logs/reference_pair/{{run}}--{{numerics}}.log",
+        f"{RESULTS}/logs/reference_pair/{{outcome}}--{{numerics}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/reference_pair/{{run}}--{{numerics}}.tsv"
+        f"{RESULTS}/benchmarks/reference_pair/{{outcome}}--{{numerics}}.tsv"
     message:
-        "{wildcards.run} at the {wildcards.numerics} numerics"
+        "{wildcards.outcome} at the {wildcards.numerics} numerics"
     script:
         "../scripts/study_outcome.py"
 
@@ -65,7 +65,7 @@ rule critical_gaps:
 
 rule reference_outcomes:
     input:
-        [pair_row(run, numerics) for run, numerics in PAIRS],
+        [pair_row(*pair) for pair in PAIRS],
     output:
         outcomes=f"{RESULTS}/reference/reference_outcomes.parquet",
         outcomes_csv=f"{RESULTS}/reference/reference_outcomes.csv",
@@ -95,7 +95,7 @@ rule reference:
 
 rule reference_check:
     input:
-        [pair_row(run, "campaign") for run in CONFIG.reference.pairs],
+        [pair_row(outcome, "campaign") for outcome in CONFIG.reference.pairs],
     output:
         table=f"{RESULTS}/reference_check.parquet",
         csv=f"{RESULTS}/reference_check.csv",
@@ -131,16 +131,16 @@ rule spot_check_run:
     input:
         rules.spot_check_plan.output,
     output:
-        row=ensure(f"{RESULTS}/spot_check/{{run}}.outcome.parquet", non_empty=True),
+        row=ensure(f"{RESULTS}/spot_check/{{outcome}}.outcome.parquet", non_empty=True),
     params:
         settings=spot_check_settings,
         partial=f"{RESULTS}/spot_check/partial",
     log:
-        f"{RESULTS}/logs/spot_check_run/{{run}}.log",
+        f"{RESULTS}/logs/spot_check_run/{{outcome}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/spot_check_run/{{run}}.tsv"
+        f"{RESULTS}/benchmarks/spot_check_run/{{outcome}}.tsv"
     message:
-        "spot check of {wildcards.run}"
+        "spot check of {wildcards.outcome}"
     script:
         "../scripts/study_outcome.py"
 
@@ -148,7 +148,7 @@ rule spot_check_run:
 rule spot_check:
     input:
         outcomes=f"{RESULTS}/outcomes.parquet",
-        checks=expand(f"{RESULTS}/spot_check/{{run}}.outcome.parquet", run=SPOT_CHECKED),
+        checks=expand(f"{RESULTS}/spot_check/{{outcome}}.outcome.parquet", outcome=SPOT_CHECKED),
     output:
         table=f"{RESULTS}/spot_check.parquet",
         csv=f"{RESULTS}/spot_check.csv",
