@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 from dldsim.campaign import geometry_id, parse_outcome
 from dldsim.config import Config, CriticalGap, Geometry, Reference
 from dldsim.errors import DldsimError
+from dldsim.uncertainty import BUMP, DECIDED
 
 Row = Mapping[str, Any]
 
@@ -214,10 +215,12 @@ BUMPS, DOES_NOT, UNKNOWN = 1, -1, 0
 
 
 def side_of(outcome: Row) -> int:
-    """Side of the transition, by the transition distance, else by the mode."""
-    if outcome["transition_distance"] is not None:
-        return BUMPS if outcome["transition_distance"] > 0 else DOES_NOT
-    return {"bump": BUMPS, "mixed": DOES_NOT, "zigzag": DOES_NOT}.get(outcome["mode"], UNKNOWN)
+    """Side of the transition: by the mode of a decided outcome, else by the transition distance."""
+    if outcome["status"] == DECIDED:
+        return BUMPS if outcome["mode"] == BUMP else DOES_NOT
+    if outcome["transition_distance"] is None:
+        return UNKNOWN
+    return BUMPS if outcome["transition_distance"] > 0 else DOES_NOT
 
 
 def ends(points: Sequence[Row]) -> tuple[Row | None, Row | None]:
@@ -296,9 +299,10 @@ def _next_outward(points, bracket, start) -> float | None:
 
 
 def _root(low: Row, high: Row) -> float:
-    """Gap [µm] at which the line through both distances vanishes; the middle if one is unknown."""
+    """Gap [µm] at which the line through both distances vanishes; the middle if one is unknown or
+    at odds with its side."""
     at_low, at_high = low["transition_distance"], high["transition_distance"]
-    if at_low is None or at_high is None:
+    if at_low is None or at_high is None or at_low <= 0 or at_high > 0:
         return (low["gap_um"] + high["gap_um"]) / 2
     share = at_low / (at_low - at_high)
     return low["gap_um"] + share * (high["gap_um"] - low["gap_um"])
@@ -311,7 +315,7 @@ def start_from(points: Sequence[Row]) -> Start | None:
         return None
     distances = low["transition_distance"], high["transition_distance"]
     slope = None
-    if None not in distances:
+    if None not in distances and distances[0] > distances[1]:
         slope = (distances[1] - distances[0]) / (high["gap_um"] - low["gap_um"])
     return Start(round(_root(low, high), 3), slope)
 

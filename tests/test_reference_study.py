@@ -198,10 +198,11 @@ def outcome(distance=None, mode="none", status="decided"):
 
 @pytest.mark.parametrize(
     ("row", "side"),
-    [(outcome(0.1, "mixed"), 1), (outcome(-0.1, "bump"), -1), (outcome(None, "bump"), 1),
-     (outcome(None, "zigzag"), -1), (outcome(None, "none", "stuck"), 0)],
+    [(outcome(0.1, "mixed"), -1), (outcome(None, "bump"), 1), (outcome(-0.1, "zigzag"), -1),
+     (outcome(0.1, "mixed", "undecided"), 1), (outcome(-0.1, "bump", "coexisting"), -1),
+     (outcome(None, "bump", "undecided"), 0), (outcome(None, "none", "stuck"), 0)],
 )
-def test_the_side_is_told_by_the_distance_then_by_the_mode(row, side):
+def test_the_side_is_told_by_the_mode_once_decided_else_by_the_distance(row, side):
     assert study.side_of(row) == side
 
 
@@ -218,7 +219,8 @@ def test_a_search_interpolates_its_critical_gap(config):
     """A distance that is a line in the gap is met exactly; spacing and height are those there."""
     def simulate(array, numerics):
         spacing, _ = whole_shift_spacing(array, numerics["spacing_um"])
-        return outcome(0.1 * (17.43 - array.gap_um), "bump") | {"spacing_um": spacing}
+        distance = 0.1 * (17.43 - array.gap_um)
+        return outcome(distance, "bump" if distance > 0 else "zigzag") | {"spacing_um": spacing}
 
     points, row = found(simulate, config=config)
     assert row["critical_gap_um"] == pytest.approx(17.43)
@@ -228,6 +230,12 @@ def test_a_search_interpolates_its_critical_gap(config):
     assert row["runs"] == 2 * len(points) and row["wall_time_s"] == 30.0 * len(points)
     again = study.advance(SEARCH, points, study.search_settings(SEARCH, config), simulate)
     assert again == points
+
+
+def test_a_distance_at_odds_with_its_side_is_not_interpolated():
+    low, high = point(17.0, -0.01, 1), point(17.1, -0.2)
+    assert study._root(low, high) == pytest.approx(17.05)
+    assert study.start_from([point(17.0, -0.3, 1), high]).slope is None
 
 
 def test_a_search_that_breaks_says_where(config):
