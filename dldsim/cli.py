@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dldsim import __version__
+from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config import (
     Cell,
     Config,
@@ -41,12 +41,12 @@ EXAMPLES = {
     "flow": "python -m dldsim flow --pillar-radius-um 10 --gap-um 20 --periodicity 6 "
             "--drive axial --height-um 0 --json",
     "constrict": "python -m dldsim constrict --set 1 --json",
-    "anova": "python -m dldsim anova results/runs.parquet",
+    "anova": "python -m dldsim anova results/outcomes.parquet",
     "stiffness": "python -m dldsim stiffness --di 0.7 --error 0.01",
     "design": "python -m dldsim design --set1 1 --set2 5 --r1 7.5 --r2 7.5 --gap-um 14 20 "
               "--objective robust",
     "validate": "python -m dldsim validate square-arrays membrane-forces --out validation.parquet",
-    "info": "python -m dldsim info results/runs.parquet",
+    "info": "python -m dldsim info results/outcomes.parquet",
     "serve": "python -m dldsim serve both --results results",
 }
 UNITS = {
@@ -87,40 +87,63 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
-    """One cell through one array."""
+    """One cell through one array: from one place of release, or a whole outcome."""
     from dldsim import campaign
 
     config = _campaign(args.config)
     geometry = _geometry(args)
-    cell = _section(Cell, config, args)
+    cell = validate(Cell, (config.cell.model_dump() if config else {}) | _given(Cell, args))
     flow, numerics = _section(Flow, config, args), _section(Numerics, config, args)
-    control = _section(RunControl, config, args)
+    control = _control(config, args)
     check_gap(geometry, _safety_distance(config))
     check_passable(geometry, cell, flow.height_um)
     stiffness = _named(config, "stiffness_sets", args.set, "--set")
-    identifier = campaign.run_id(campaign.Run(geometry, args.set))
+    outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
     from dldsim import jobs
     from dldsim.accuracy import numerical_uncertainty, read_model
-    from dldsim.simulation import simulate_run
+    from dldsim.simulation import simulate_outcome, simulate_run
 
+    sections = (geometry, stiffness, cell, flow, numerics, control)
+    settings = {s.__class__.__name__: s.model_dump(mode="json") for s in sections}
     with _progress() as progress:
-        result = simulate_run(
-            geometry, stiffness, cell, flow, numerics, control, run_id=identifier,
-            stiffness_set=args.set, progress=progress,
-        )  # fmt: skip
+        if args.releases is None:
+            name = campaign.run_id(outcome, cell.release_gap_fraction)
+            result = simulate_run(*sections, run_id=name, outcome_id=outcome,
+                                  stiffness_set=args.set, progress=progress)
+        else:
+            name = outcome
+            result = simulate_outcome(*sections, outcome_id=outcome, stiffness_set=args.set,
+                                      progress=progress)
     sigma, basis = numerical_uncertainty(result.row, control.model_dump(), read_model())
-    result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
-    summary = dict(result.row)
+    summary = {**result.row, "sigma_num_deg": sigma, "sigma_num_basis": basis}
     if args.out:
-        settings = {
-            section.__class__.__name__: section.model_dump(mode="json")
-            for section in (geometry, stiffness, cell, flow, numerics, control)
-        }
-        row = args.out / f"{identifier}.run.parquet"
-        trajectory = args.out / f"{identifier}.trajectory.parquet"
-        jobs.write_run(result, row, trajectory, settings)
-        summary["files"] = [str(row), str(trajectory)]
+        trajectory = args.out / f"{name}.trajectory.parquet"
+        if args.releases is None:
+            files = [args.out / f"{name}.run.parquet", trajectory]
+            jobs.write_run(result, *files, settings)
+        else:
+            files = jobs.OutcomeFiles(args.out / f"{name}.outcome.parquet",
+                                      args.out / f"{name}.runs.parquet", trajectory)
+            result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
+            jobs.write_outcome(result, files, settings)
+        summary["files"] = [str(path) for path in files]
     return summary, _listing(summary)
+
+
+def _control(config: Config | None, args: argparse.Namespace) -> RunControl:
+    """`run_control` with the command line over it; places of release are those of --releases."""
+    base = config.run_control.model_dump() if config else {}
+    for given, option, with_releases in (
+        (args.outcome_rows_max, "--outcome-rows-max", False),
+        (args.release_gap_fraction, "--release-gap-fraction", True),
+    ):
+        if given is not None and (args.releases is not None) == with_releases:
+            raise DldsimError(
+                f"{option} {given:g} has no effect {'with' if with_releases else 'without'} "
+                f"--releases. Leave it out{'' if with_releases else ', or give --releases'}."
+            )
+    places = {"release_gap_fractions": args.releases} if args.releases else {}
+    return validate(RunControl, base | _given(RunControl, args) | places)
 
 
 def flow(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -171,7 +194,7 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 
 def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
-    """Analysis of variance of anybody's table of runs."""
+    """Analysis of variance of anybody's table of outcomes."""
     from dldsim.statistics import analyse
 
     frame = _read_any(args.table)
@@ -219,25 +242,25 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     )
     budget = Verification() if config is None else config.verification
     made = design_jobs.make_designs(request, known, args.seed, budget)
-    resolved, found, outcome, output, files = made.resolved, made.found, None, args.output, []
+    resolved, found, verdicts, output, files = made.resolved, made.found, None, args.output, []
     if args.verify:
         output = output or Path(f"design-{request.name}")
         with _progress() as progress:
-            outcome = design_jobs.verify_request(
+            verdicts = design_jobs.verify_request(
                 request, made.settings, known.chip, known.model, known.tables,
-                work=output / "runs", files=output / "files", progress=progress,
+                work=output / "outcomes", files=output / "files", progress=progress,
             )
         files += sorted(map(str, (output / "files").iterdir()))
     if output is not None:
-        written = design_jobs.write_designs(made, known, output, outcome)
+        written = design_jobs.write_designs(made, known, output, verdicts)
         files = list(dict.fromkeys([*map(str, written), *files]))
     summary = {
         "request": resolved.model_dump(), "designs": _records(found.designs),
         "tolerances": _records(found.tolerances), "importance": _records(found.importance),
         "trials": len(found.trials), "seed": args.seed,
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry")},
-        "verified_designs": None if outcome is None else _records(outcome.designs),
-        "verifications": None if outcome is None else _records(outcome.verifications),
+        "verified_designs": None if verdicts is None else _records(verdicts.designs),
+        "verifications": None if verdicts is None else _records(verdicts.verifications),
         "files": files,
     }  # fmt: skip
     return summary, _design_lines(summary)
@@ -387,12 +410,28 @@ def _read_any(path: Path):
     readers = {".csv": pd.read_csv, ".parquet": pd.read_parquet}
     if path.suffix not in readers:
         raise DldsimError(f"{path}: a table must be a .csv or .parquet file.")
+    _check_physics(path)
     try:
         return readers[path.suffix](path)
     except FileNotFoundError as error:
         raise DldsimError(f"{path} does not exist.") from error
     except Exception as error:
         raise DldsimError(f"{path} is not a readable {path.suffix[1:]} file: {error}") from error
+
+
+def _check_physics(path: Path) -> None:
+    """Refuse a Parquet table that another physics version of this package wrote."""
+    from dldsim.tables import describe
+
+    try:
+        version = describe(path)["provenance"]["physics_version"]
+    except DldsimError:  # not a table of this package, or no Parquet at all
+        return
+    if version != PHYSICS_VERSION:
+        raise DldsimError(
+            f"{path} was made by physics version {version}; this is version {PHYSICS_VERSION}, "
+            "whose angles differ. Simulate the campaign anew: snakemake -j2 all."
+        )
 
 
 # ------------------------------------------------------------------------------------------ output
@@ -493,8 +532,8 @@ def _design_lines(summary: Mapping) -> list[str]:
         f"{request[f'deformation_index_std_{i}']:.2g}, radius {request[f'radius_{i}_um']:g} µm"
         for i in "12"
     ] + [
-        f"learnt from {data['used']} runs in {data['geometries']} arrays; median error on arrays "
-        f"never seen {scores['median_absolute_error_deg']:.2f}°",
+        f"learnt from {data['used']} outcomes in {data['geometries']} arrays; median error on "
+        f"arrays never seen {scores['median_absolute_error_deg']:.2f}°",
         f"{summary['trials']} arrays tried, objective {request['objective']}", "",
         "Candidates (predicted, not simulated), lengths in µm, angles in degrees:",
     ]  # fmt: skip
@@ -601,10 +640,14 @@ def _parser() -> argparse.ArgumentParser:
     _add_fields(one, "channel and flow", Flow)
     _add_fields(one, "cell", Cell)
     _add_fields(one, "numerics", Numerics)
-    _add_fields(one, "when to stop", RunControl)
+    _add_fields(one, "when to stop", RunControl, without={"release_gap_fractions"})
+    one.add_argument("--releases", type=float, nargs="*", metavar="X",
+                     help="simulate a whole outcome: release at these places in the gap, in this "
+                          "order, as many as it takes; none named: the configuration's")
     _add_config(one)
     one.add_argument("--out", type=Path, metavar="DIR",
-                     help="write RUN.run.parquet and RUN.trajectory.parquet there")
+                     help="write the run, or the outcome with its runs, and the trajectory there, "
+                          "as Parquet")
 
     empty = _command(commands, "flow", flow, "flow through an array without a cell")
     _add_geometry(empty)
@@ -679,7 +722,7 @@ def _parser() -> argparse.ArgumentParser:
                              f"{Sweep.model_fields['safety_distance_um'].default:g}")
     wanted.add_argument("--seed", type=int, default=1, metavar="N", help="default %(default)s")
     wanted.add_argument("--results", type=Path, metavar="DIR",
-                        help="folder with the runs, calibration, surrogate (and flows) of a "
+                        help="folder with the outcomes, calibration, surrogate (and flows) of a "
                              "campaign; default: the campaign that comes with the package")
     wanted.add_argument("--verify", action="store_true",
                         help="simulate both cell types in the best designs (minutes)")

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from dldsim import campaign, surrogate
+from dldsim import PHYSICS_VERSION, campaign, surrogate
 from dldsim.calibration import join_deformation_index
 from dldsim.config import (
     CellShape,
@@ -187,7 +187,7 @@ def gather_verified(
     settings: Mapping, *, verifications: Iterable[Path], designs: Iterable[Path],
     added: Iterable[Path], outcomes: Path, tables: Mapping[str, Path], model: Path, card: Path,
 ) -> None:
-    """Tables of all requests, and the surrogate refitted to all outcomes, verifying ones among them.
+    """Tables of all requests, and the surrogate refitted to all outcomes, the verifying ones too.
 
     ``tables``: paths of `verifications`, `verified_designs` and `outcomes`.
     """
@@ -295,10 +295,19 @@ def with_measurements(
 
 
 def packaged_campaign() -> Path:
-    """Folder of the campaign that comes with the package; DldsimError if none does."""
+    """Folder of the campaign that comes with the package.
+
+    Raises DldsimError if none does, or if it is of another physics version.
+    """
+    remedy = "Name the folder of a finished campaign with --results, such as results/."
     if not CAMPAIGN_DATA.exists():
-        raise DldsimError("No campaign comes with this installation. Name the folder of a finished "
-                          "one with --results, such as results/.")
+        raise DldsimError(f"No campaign comes with this installation. {remedy}")
+    version = describe(CAMPAIGN_DATA / "calibration.parquet")["provenance"]["physics_version"]
+    if version != PHYSICS_VERSION:
+        raise DldsimError(
+            f"The campaign that comes with this installation is of physics version {version}, "
+            f"this is version {PHYSICS_VERSION}, whose angles differ. {remedy}"
+        )
     return CAMPAIGN_DATA
 
 

@@ -238,7 +238,7 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
         ).row  # fmt: skip
     except DldsimError as error:
         return row | {"outcome": "refused", "reason": str(error)}
-    record = json.loads(result["numerics"])
+    record = json.loads(result["details"])
     asked = {f"margin_{m}": record[f"margin_{m}"] for m in MARGINS}
     margin = max(asked.values())
     failed = result["status"] in ("unstable", "stuck")

@@ -2,7 +2,8 @@
 
 A :class:`dldsim.regressors.BoundedXGBoost` on all outcomes. Prediction intervals are conformal,
 with geometries (not outcomes) as the units that are exchangeable; their coverage is measured on
-geometries held out. The card says what the model was learnt from, what it scores, and where it holds.
+geometries held out. The card says what the model was learnt from, what it scores, and where it
+holds.
 """
 
 import copy

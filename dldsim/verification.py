@@ -254,8 +254,7 @@ def verify(
     """Search, simulate, compare and learn, in rounds.
 
     A round searches on the surrogate, simulates both cell types in the best candidates that have
-    not been simulated, and in arrays near a mode transition, and refits the surrogate to them
-    all.
+    not been simulated, and in arrays near a mode transition, and refits the surrogate to all.
     Rounds end when every new prediction of a candidate is confirmed and had told the order of the
     two cells, when the best candidates have all been simulated, or with the budget. A prediction is
     confirmed if the simulated value, with ± σ_num, meets its interval; it is compared only where

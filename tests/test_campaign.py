@@ -19,10 +19,15 @@ geometries = st.builds(
 names = st.from_regex(r"[A-Za-z0-9-]+", fullmatch=True)
 
 
-@given(geometries, names)
-def test_run_id_is_its_own_inverse(geometry, name):
-    run = campaign.Run(geometry, name)
-    assert campaign.parse_run(campaign.run_id(run)) == run
+places = st.integers(0, 1000).map(lambda n: n / 1000)
+
+
+@given(geometries, names, places)
+def test_ids_are_their_own_inverse(geometry, name, place):
+    pair = campaign.Pair(geometry, name)
+    outcome = campaign.outcome_id(pair)
+    assert campaign.parse_outcome(outcome) == pair
+    assert campaign.parse_run(campaign.run_id(outcome, place)) == (outcome, place)
     assert campaign.parse_geometry(campaign.geometry_id(geometry)) == geometry
 
 
@@ -32,9 +37,11 @@ def test_constriction_id_is_its_own_inverse(group, position, design):
     assert campaign.parse_constriction(text) == (group, position, design)
 
 
-def test_run_id_looks_as_documented():
-    run = campaign.Run(Geometry(pillar_radius_um=6, gap_um=18, periodicity=8), "3")
-    assert campaign.run_id(run) == "r06.0_g18.0_n08_s3"
+def test_ids_look_as_documented():
+    pair = campaign.Pair(Geometry(pillar_radius_um=6, gap_um=18, periodicity=8), "3")
+    assert campaign.outcome_id(pair) == "r06.0_g18.0_n08_s3"
+    assert campaign.run_id("r06.0_g18.0_n08_s3", 0.5) == "r06.0_g18.0_n08_s3_y0.50"
+    assert campaign.run_id("r06.0_g18.0_n08_s3", 0.125) == "r06.0_g18.0_n08_s3_y0.125"
 
 
 @given(st.lists(st.integers(1, 999).map(lambda n: n / 10), min_size=2, max_size=9))
@@ -48,9 +55,17 @@ def test_ids_sort_like_numbers(radii):
 @pytest.mark.parametrize(
     "text", ["", "r6.0_g18.0_n08_s3", "r06.00_g18.0_n08_s3", "r06.0_g18.0_n08", "r06.0_g18.0_n08_s"]
 )
-def test_other_texts_are_no_run_ids(text):
+def test_other_texts_are_no_ids(text):
     with pytest.raises(DldsimError, match="identifier"):
-        campaign.parse_run(text)
+        campaign.parse_outcome(text)
+    with pytest.raises(DldsimError, match="identifier"):
+        campaign.parse_run(f"{text}_y0.50")
+
+
+@pytest.mark.parametrize("place", ["", "_y", "_y0.5", "_y0.500", "_y1.50", "_y0.1234", "_y-0.50"])
+def test_other_places_are_no_run_ids(place):
+    with pytest.raises(DldsimError, match="identifier"):
+        campaign.parse_run(f"r06.0_g18.0_n08_s3{place}")
 
 
 def test_id_refuses_what_it_cannot_carry():
@@ -58,17 +73,20 @@ def test_id_refuses_what_it_cannot_carry():
         campaign.geometry_id(Geometry(pillar_radius_um=6.0001, gap_um=18, periodicity=8))
     geometry = Geometry(pillar_radius_um=6, gap_um=18, periodicity=8)
     with pytest.raises(DldsimError, match="letters, digits"):
-        campaign.run_id(campaign.Run(geometry, "a/b"))
+        campaign.outcome_id(campaign.Pair(geometry, "a/b"))
+    for place in (0.1234, -0.1, 1.01):
+        with pytest.raises(DldsimError, match="three decimals"):
+            campaign.run_id("r06.0_g18.0_n08_s3", place)
 
 
 @pytest.mark.parametrize(("preset", "count"), [("quick", 81), ("paper", 180), ("full", 1050)])
-def test_presets_have_the_promised_runs(preset, count):
+def test_presets_have_the_promised_outcomes(preset, count):
     config = read_config(CONFIG, {"preset": preset})
-    runs = campaign.runs(config)
-    assert len(runs) == count == len({campaign.run_id(run) for run in runs})
+    pairs = campaign.outcomes(config)
+    assert len(pairs) == count == len({campaign.outcome_id(pair) for pair in pairs})
     assert all(
-        run.geometry.gap_um > run.geometry.pillar_radius_um + config.sweep.safety_distance_um
-        for run in runs
+        pair.geometry.gap_um > pair.geometry.pillar_radius_um + config.sweep.safety_distance_um
+        for pair in pairs
     )
 
 
@@ -115,8 +133,11 @@ def test_stamp_of_other_physics_is_refused(tmp_path):
         campaign.check_stamp(tmp_path)
 
 
-def test_closing_sentence_names_broken_runs(tmp_path):
-    (tmp_path / "runs.csv").write_text(
-        "run_id,status,stop_reason\na,converged,\nb,failed,no memory\n"
+def test_closing_sentence_names_what_is_broken_or_open(tmp_path):
+    (tmp_path / "outcomes.csv").write_text(
+        "outcome_id,status,stop_reason\na,decided,\nb,failed,no memory\nc,undecided,\n"
+        "d,coexisting,\n"
     )
-    assert "b (failed: no memory)" in campaign.closing_sentence(tmp_path)
+    sentence = campaign.closing_sentence(tmp_path)
+    assert "1 of 4 outcomes have no angle" in sentence and "b (failed: no memory)" in sentence
+    assert "1 of 4 are undecided" in sentence and "1 of 4 are coexisting" in sentence

@@ -12,16 +12,16 @@ import pytest
 
 from dldsim import campaign
 from dldsim.config import read_config
-from dldsim.tables import COLUMNS, read_rows
+from dldsim.tables import read_rows
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
-AFTER_RUNS = {"runs": 1, "anova": 1, "robustness_map": 1, "benchmark": 1, "surrogate": 1,
+AFTER_OUTCOMES = {"outcomes": 1, "anova": 1, "robustness_map": 1, "benchmark": 1, "surrogate": 1,
               "sensitivity": 1,
               "designs": 1, "learning_curve": 1, "search_regret": 1, "verify": 1,
               "verifications": 1, "report": 1, "all": 1}
 VERIFIED = {"verify": 1, "verifications": 1, "report": 1, "all": 1}
-AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_RUNS
+AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_OUTCOMES
 
 
 def snakemake(folder, *argv, check=True):
@@ -76,11 +76,11 @@ def finished(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("preset", "geometries"), [("quick", 27), ("paper", 36), ("full", 210)])
-def test_presets_plan_their_runs(preset, geometries, tmp_path):
+def test_presets_plan_their_outcomes(preset, geometries, tmp_path):
     folder = copy_workflow(tmp_path)
     counts = planned(folder, "all", "--config", f"preset={preset}")
     config = read_config(ROOT / "config.yaml", {"preset": preset})
-    assert counts["simulate_run"] == len(campaign.runs(config))
+    assert counts["simulate_outcome"] == len(campaign.outcomes(config))
     assert counts["empty_flow"] == geometries
     assert counts["constrict"] == len(campaign.constrictions(config))
     assert counts["report"] == counts["all"] == 1
@@ -96,7 +96,8 @@ def test_named_target_runs_only_its_part(tmp_path):
     assert not {"report", "surrogate", "designs", "anova", "benchmark"} & set(counts)
 
 
-SIMULATIONS = {"simulate_run": 16, "trajectories": 1}
+GATHERED = {"runs": 1, "trajectories": 1}
+SIMULATIONS = {"simulate_outcome": 16} | GATHERED
 FLOWS = {"empty_flow": 8, "flows": 1}
 
 
@@ -104,18 +105,18 @@ FLOWS = {"empty_flow": 8, "flows": 1}
     ("change", "expected"),
     [
         ("numerics={kernel: 4-point}", SIMULATIONS | {"constrict": 6} | AFTER_CONSTRICTION),
-        ("numerics={rows: 3}", SIMULATIONS | FLOWS | AFTER_RUNS),
-        ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_RUNS),
-        ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_RUNS),
-        ("cell={release_gap_fraction: 0.3}", SIMULATIONS | AFTER_RUNS),
+        ("numerics={rows: 3}", SIMULATIONS | FLOWS | AFTER_OUTCOMES),
+        ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_OUTCOMES),
+        ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_OUTCOMES),
+        ("run_control={release_gap_fractions: [0.5, 0.3]}", SIMULATIONS | AFTER_OUTCOMES),
         ('stiffness_sets={"5": {ks_uN_per_m: 6}}',
-         {"simulate_run": 8, "trajectories": 1} | AFTER_RUNS),
+         {"simulate_outcome": 8} | GATHERED | AFTER_OUTCOMES),
         ("constriction_groups={G4: {velocity_mm_s: 2}}", {"constrict": 1} | AFTER_CONSTRICTION),
         ("constriction={release_positions_um: [0.0, 3.0]}", {"constrict": 6} | AFTER_CONSTRICTION),
         ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
-        ("sweep={gap_um: [15, 20, 21]}", {"empty_flow": 4, "flows": 1, "simulate_run": 8,
-                                          "trajectories": 1} | AFTER_RUNS),
-        ("sweep={gap_um: [20]}", {"flows": 1, "trajectories": 1} | AFTER_RUNS),
+        ("sweep={gap_um: [15, 20, 21]}", {"empty_flow": 4, "flows": 1, "simulate_outcome": 8}
+         | GATHERED | AFTER_OUTCOMES),
+        ("sweep={gap_um: [20]}", {"flows": 1} | GATHERED | AFTER_OUTCOMES),
         ("sweep={safety_distance_um: 1}", {"designs": 1, "search_regret": 1} | VERIFIED),
         ("device={array_width_mm: 3}", {"designs": 1, "search_regret": 1} | VERIFIED),
         ("verification={rounds: 2}", VERIFIED),
@@ -133,7 +134,7 @@ def test_a_crash_is_tried_again_once_per_start(finished):
     campaign.record_crash(crashes, "r05.0_g15.0_n04_s1", "out of memory")
     try:
         counts = planned(finished, "all", "--config", "preset=tiny")
-        assert counts == {"simulate_run": 1, "trajectories": 1} | AFTER_RUNS
+        assert counts == {"simulate_outcome": 1} | GATHERED | AFTER_OUTCOMES
     finally:
         shutil.rmtree(crashes)
 
@@ -154,7 +155,8 @@ def test_results_of_other_physics_are_refused(finished):
 @pytest.mark.parametrize(
     ("change", "part"),
     [("preset=papr", "Did you mean paper?"), ("flow={heigth_um: 3}", "Did you mean height_um?"),
-     ("sweep={gap_um: []}", "sweep.gap_um")],
+     ("sweep={gap_um: []}", "sweep.gap_um"),
+     ("cell={release_gap_fraction: 0.3}", "run_control.release_gap_fractions")],
 )
 def test_bad_configuration_is_told(tmp_path, change, part):
     folder = copy_workflow(tmp_path)
@@ -171,7 +173,7 @@ def test_tiny_campaign_end_to_end(tmp_path):
     results = folder / "results"
     assert "Done: results/" in done.stdout + done.stderr
     for kind, name in {
-        "runs": "runs", "flows": "flows", "trajectory": "trajectories",
+        "outcomes": "outcomes", "runs": "runs", "flows": "flows", "trajectory": "trajectories",
         "calibration": "calibration", "constriction_runs": "constriction_runs",
         "calibration_correlations": "calibration_correlations", "anova": "anova",
         "robustness": "robustness", "benchmark": "benchmark", "predictions": "predictions",
@@ -183,10 +185,12 @@ def test_tiny_campaign_end_to_end(tmp_path):
     }.items():
         assert read_rows(kind, results / f"{name}.parquet"), name
         assert name == "trajectories" or (results / f"{name}.csv").exists()
-    runs = read_rows("runs", results / "runs.parquet")
-    statuses = Counter(run["status"] for run in runs)
-    assert len(runs) == 16 and not statuses["failed"], statuses
-    assert all(run["deformation_index"] is not None for run in runs)
-    assert {"runs", "trajectory"} <= set(COLUMNS)
+    outcomes = read_rows("outcomes", results / "outcomes.parquet")
+    statuses = Counter(outcome["status"] for outcome in outcomes)
+    assert len(outcomes) == 16 and not statuses["failed"], statuses
+    assert all(outcome["deformation_index"] is not None for outcome in outcomes)
+    runs = Counter(run["outcome_id"] for run in read_rows("runs", results / "runs.parquet"))
+    assert {o["outcome_id"]: o["releases"] for o in outcomes} == runs
+    assert not [*(results / "partial").glob("*")]
     assert "<html" in (results / "report.html").read_text(encoding="utf-8")[:500].lower()
     assert planned(folder, "all", *config) == {}

@@ -1,9 +1,9 @@
-# Statistics and regression on the table of runs.
+# Statistics and regression on the table of outcomes.
 
 
 rule anova:
     input:
-        rules.runs.output.table,
+        rules.outcomes.output.table,
     output:
         table=f"{RESULTS}/anova.parquet",
         csv=f"{RESULTS}/anova.csv",
@@ -23,7 +23,7 @@ rule anova:
 
 rule robustness_map:
     input:
-        rules.runs.output.table,
+        rules.outcomes.output.table,
     output:
         table=f"{RESULTS}/robustness.parquet",
         csv=f"{RESULTS}/robustness.csv",
@@ -41,7 +41,7 @@ rule robustness_map:
 
 rule sensitivity:
     input:
-        runs=rules.runs.output.table,
+        outcomes=rules.outcomes.output.table,
         model=f"{RESULTS}/surrogate.json",
         card=f"{RESULTS}/surrogate_card.json",
     output:
@@ -65,7 +65,7 @@ rule sensitivity:
 
 rule benchmark:
     input:
-        rules.runs.output.table,
+        rules.outcomes.output.table,
     output:
         table=f"{RESULTS}/benchmark.parquet",
         csv=f"{RESULTS}/benchmark.csv",
@@ -85,7 +85,7 @@ rule benchmark:
 
 rule learning_curve:
     input:
-        rules.runs.output.table,
+        rules.outcomes.output.table,
     output:
         table=f"{RESULTS}/learning_curve.parquet",
         csv=f"{RESULTS}/learning_curve.csv",
@@ -96,6 +96,6 @@ rule learning_curve:
     benchmark:
         f"{RESULTS}/benchmarks/learning_curve.tsv"
     message:
-        "learn the migration angle from fewer runs"
+        "learn the migration angle from fewer outcomes"
     script:
         "../scripts/learning_curve.py"

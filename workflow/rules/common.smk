@@ -21,7 +21,7 @@ try:
     if workflow.is_main_process and not {"--forceall", "-F"} & set(sys.argv):
         campaign.check_stamp(Path(RESULTS))
     GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
-    RUNS = [campaign.run_id(r) for r in campaign.runs(CONFIG)]
+    OUTCOMES = [campaign.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
     PAIRS = reference_study.pairs(CONFIG)
     SEARCHES = [reference_study.search_id(s) for s in reference_study.searches(CONFIG)]
@@ -35,7 +35,7 @@ REQUESTS = [request.name for request in CONFIG.design_requests]
 
 wildcard_constraints:
     geometry=campaign.GEOMETRY_PATTERN,
-    run=campaign.RUN_PATTERN,
+    outcome=campaign.OUTCOME_PATTERN,
     constriction=campaign.CONSTRICTION_PATTERN,
     variant=r"[A-Za-z0-9._-]+--[a-z_]+--\d+--\d+",
     case=r"[a-z-]+",
@@ -62,8 +62,8 @@ def flow_settings(wildcards):
     return {**settings_of("flow"), "numerics": numerics}
 
 
-def run_settings(wildcards):
-    stiffness = CONFIG.stiffness_sets[campaign.parse_run(wildcards.run).stiffness_set]
+def outcome_settings(wildcards):
+    stiffness = CONFIG.stiffness_sets[campaign.parse_outcome(wildcards.outcome).stiffness_set]
     return {
         **settings_of("cell", "flow", "numerics", "run_control"),
         "stiffness": stiffness.model_dump(mode="json"),
@@ -133,7 +133,7 @@ def constriction_settings(wildcards):
         "group": group,
         "constriction": channel,
         "release_position_um": positions[position],
-        "cell": CONFIG.cell.model_dump(mode="json", exclude={"axis", "release_gap_fraction"}),
+        "cell": CONFIG.cell.model_dump(mode="json", exclude={"axis"}),
         "flow": CONFIG.flow.model_dump(mode="json", include={"viscosity_mPa_s"}),
         "numerics": CONFIG.numerics.model_dump(
             mode="json", exclude={"spacing_um", "bounce_back", "rows", "lanes"}
@@ -167,8 +167,8 @@ def made(path):
     return [path] if Path(path).exists() else []
 
 
-def flow_of_run(wildcards):
-    geometry = campaign.geometry_id(campaign.parse_run(wildcards.run).geometry)
+def flow_of_outcome(wildcards):
+    geometry = campaign.geometry_id(campaign.parse_outcome(wildcards.outcome).geometry)
     return {
         "flow": f"{RESULTS}/flow/{geometry}.npz",
         "flow_row": f"{RESULTS}/flow/{geometry}.flow.parquet",

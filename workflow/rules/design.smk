@@ -4,7 +4,7 @@
 
 rule surrogate:
     input:
-        rules.runs.output.table,
+        rules.outcomes.output.table,
     output:
         model=f"{RESULTS}/surrogate.json",
         card=f"{RESULTS}/surrogate_card.json",
@@ -72,15 +72,15 @@ rule search_regret:
         "../scripts/search_regret.py"
 
 
-# Finished runs stay in the folder `work`, which is no output: they are used again after a stop.
+# Finished releases and outcomes stay in the folder `work`, which is no output: they are used again after a stop.
 rule verify:
     input:
         **DESIGN_INPUTS,
-        runs=rules.runs.output.table,
+        outcomes=rules.outcomes.output.table,
     output:
         verifications=f"{RESULTS}/verify/{{request}}.verifications.parquet",
         designs=f"{RESULTS}/verify/{{request}}.verified_designs.parquet",
-        added=f"{RESULTS}/verify/{{request}}.runs.parquet",
+        added=f"{RESULTS}/verify/{{request}}.outcomes.parquet",
         files=directory(f"{RESULTS}/designs/{{request}}"),
     params:
         settings=verification_settings,
@@ -101,16 +101,16 @@ rule verifications:
             f"{RESULTS}/verify/{{request}}.verifications.parquet", request=REQUESTS
         ),
         designs=expand(f"{RESULTS}/verify/{{request}}.verified_designs.parquet", request=REQUESTS),
-        added=expand(f"{RESULTS}/verify/{{request}}.runs.parquet", request=REQUESTS),
+        added=expand(f"{RESULTS}/verify/{{request}}.outcomes.parquet", request=REQUESTS),
         files=expand(f"{RESULTS}/designs/{{request}}", request=REQUESTS),
-        runs=rules.runs.output.table,
+        outcomes=rules.outcomes.output.table,
     output:
         verifications=f"{RESULTS}/verifications.parquet",
         verifications_csv=f"{RESULTS}/verifications.csv",
         designs=f"{RESULTS}/verified_designs.parquet",
         designs_csv=f"{RESULTS}/verified_designs.csv",
-        runs=f"{RESULTS}/runs_verified.parquet",
-        runs_csv=f"{RESULTS}/runs_verified.csv",
+        outcomes=f"{RESULTS}/outcomes_verified.parquet",
+        outcomes_csv=f"{RESULTS}/outcomes_verified.csv",
         model=f"{RESULTS}/surrogate_verified.json",
         card=f"{RESULTS}/surrogate_verified_card.json",
     params:

@@ -3,6 +3,7 @@
 
 rule report:
     input:
+        rules.outcomes.output.table,
         rules.runs.output.table,
         rules.trajectories.output,
         rules.flows.output.table,

@@ -1,4 +1,4 @@
-# Empty-array flow per geometry, run per geometry and stiffness set, and their gathering.
+# Empty-array flow per geometry, outcome per geometry and stiffness set, and their gathering.
 
 
 rule empty_flow:
@@ -19,24 +19,27 @@ rule empty_flow:
         "../scripts/empty_flow.py"
 
 
-rule simulate_run:
+# Finished releases wait in the folder `partial`, which is no output: they are used after a stop.
+rule simulate_outcome:
     input:
-        unpack(flow_of_run),
+        unpack(flow_of_outcome),
     output:
-        row=ensure(f"{RESULTS}/runs/{{run}}.run.parquet", non_empty=True),
-        trajectory=ensure(f"{RESULTS}/runs/{{run}}.trajectory.parquet", non_empty=True),
+        outcome=ensure(f"{RESULTS}/outcomes/{{outcome}}.outcome.parquet", non_empty=True),
+        runs=ensure(f"{RESULTS}/outcomes/{{outcome}}.runs.parquet", non_empty=True),
+        trajectory=ensure(f"{RESULTS}/outcomes/{{outcome}}.trajectory.parquet", non_empty=True),
     params:
-        settings=run_settings,
+        settings=outcome_settings,
+        partial=f"{RESULTS}/partial/{{outcome}}",
         crashes=crash_count,
         crash_directory=CRASHES,
     log:
-        f"{RESULTS}/logs/simulate_run/{{run}}.log",
+        f"{RESULTS}/logs/simulate_outcome/{{outcome}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/simulate_run/{{run}}.tsv"
+        f"{RESULTS}/benchmarks/simulate_outcome/{{outcome}}.tsv"
     message:
-        "cell run {wildcards.run}"
+        "cell through {wildcards.outcome}, released at as many places as it takes"
     script:
-        "../scripts/simulate_run.py"
+        "../scripts/simulate_outcome.py"
 
 
 rule flows:
@@ -60,7 +63,7 @@ rule flows:
 
 rule trajectories:
     input:
-        expand(f"{RESULTS}/runs/{{run}}.trajectory.parquet", run=RUNS),
+        expand(f"{RESULTS}/outcomes/{{outcome}}.trajectory.parquet", outcome=OUTCOMES),
     output:
         f"{RESULTS}/trajectories.parquet",
     params:
@@ -77,18 +80,37 @@ rule trajectories:
 
 rule runs:
     input:
-        rows=expand(f"{RESULTS}/runs/{{run}}.run.parquet", run=RUNS),
-        calibration=f"{RESULTS}/calibration.parquet",
+        expand(f"{RESULTS}/outcomes/{{outcome}}.runs.parquet", outcome=OUTCOMES),
     output:
         table=f"{RESULTS}/runs.parquet",
         csv=f"{RESULTS}/runs.csv",
     params:
-        settings={**settings_of("run_control"), "sigma_num_model": accuracy.model_hash()},
+        kind="runs",
+        settings=settings_of(),
     log:
         f"{RESULTS}/logs/runs.log",
     benchmark:
         f"{RESULTS}/benchmarks/runs.tsv"
     message:
-        "gather all runs and join the deformation indices"
+        "gather the runs of all outcomes"
     script:
-        "../scripts/runs.py"
+        "../scripts/gather.py"
+
+
+rule outcomes:
+    input:
+        rows=expand(f"{RESULTS}/outcomes/{{outcome}}.outcome.parquet", outcome=OUTCOMES),
+        calibration=f"{RESULTS}/calibration.parquet",
+    output:
+        table=f"{RESULTS}/outcomes.parquet",
+        csv=f"{RESULTS}/outcomes.csv",
+    params:
+        settings={**settings_of("run_control"), "sigma_num_model": accuracy.model_hash()},
+    log:
+        f"{RESULTS}/logs/outcomes.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/outcomes.tsv"
+    message:
+        "gather all outcomes, join deformation indices and numerical uncertainty"
+    script:
+        "../scripts/outcomes.py"

@@ -1,4 +1,4 @@
-"""Runs in, analysis of variance and its diagnostics out."""
+"""Outcomes in, analysis of variance and its diagnostics out."""
 
 from dldsim.campaign import derive_seed
 from dldsim.jobs import job_log, provenance
@@ -8,7 +8,7 @@ from dldsim.tables import read_table, write_csv, write_table
 with job_log(snakemake.log[0]):
     seed = derive_seed(snakemake.params.settings["seed"], "anova")
     about = provenance(snakemake.params.settings, seed)
-    table, diagnostics = analyse(read_table("runs", snakemake.input[0]), seed)
+    table, diagnostics = analyse(read_table("outcomes", snakemake.input[0]), seed)
     write_table("anova", table, snakemake.output.table, about)
     write_csv("anova", snakemake.output.table)
     write_table("anova_diagnostics", diagnostics, snakemake.output.diagnostics, about)

@@ -1,4 +1,4 @@
-"""Runs in, errors and predictions of each regressor out."""
+"""Outcomes in, errors and predictions of each regressor out."""
 
 from dldsim.campaign import derive_seed
 from dldsim.jobs import job_log, provenance
@@ -8,7 +8,7 @@ from dldsim.tables import read_table, write_csv, write_table
 with job_log(snakemake.log[0]):
     seed = derive_seed(snakemake.params.settings["seed"], "benchmark")
     about = provenance(snakemake.params.settings, seed)
-    scores, predictions = benchmark(read_table("runs", snakemake.input[0]), seed)
+    scores, predictions = benchmark(read_table("outcomes", snakemake.input[0]), seed)
     write_table("benchmark", scores, snakemake.output.table, about)
     write_csv("benchmark", snakemake.output.table)
     write_table("predictions", predictions, snakemake.output.predictions, about)

@@ -1,4 +1,4 @@
-"""Runs in, error of the surrogate against the number of runs out."""
+"""Outcomes in, error of the surrogate against the number of outcomes out."""
 
 from dldsim.campaign import derive_seed
 from dldsim.jobs import job_log, provenance
@@ -8,6 +8,6 @@ from dldsim.tables import read_table, write_csv, write_table
 with job_log(snakemake.log[0]):
     seed = derive_seed(snakemake.params.settings["seed"], "learning_curve")
     table = snakemake.output.table
-    curve = learning_curve(read_table("runs", snakemake.input[0]), seed)
+    curve = learning_curve(read_table("outcomes", snakemake.input[0]), seed)
     write_table("learning_curve", curve, table, provenance(snakemake.params.settings, seed))
     write_csv("learning_curve", table)

@@ -1,4 +1,4 @@
-"""Runs in, robustness of each geometry out."""
+"""Outcomes in, robustness of each geometry out."""
 
 from dldsim.jobs import job_log, provenance
 from dldsim.statistics import robustness
@@ -6,5 +6,5 @@ from dldsim.tables import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
     table, about = snakemake.output.table, provenance(snakemake.params.settings)
-    write_table("robustness", robustness(read_table("runs", snakemake.input[0])), table, about)
+    write_table("robustness", robustness(read_table("outcomes", snakemake.input[0])), table, about)
     write_csv("robustness", table)

@@ -1,4 +1,4 @@
-"""Runs and surrogate in, sensitivities and fabrication risks out."""
+"""Outcomes and surrogate in, sensitivities and fabrication risks out."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ with job_log(snakemake.log[0]):
     settings = snakemake.params.settings
     seed = derive_seed(settings["seed"], "sensitivity")
     model = load(Path(snakemake.input.model), Path(snakemake.input.card))
-    runs = read_table("runs", snakemake.input.runs)
-    for kind, table in examine(model, runs, settings["fabrication"], seed).items():
+    outcomes = read_table("outcomes", snakemake.input.outcomes)
+    for kind, table in examine(model, outcomes, settings["fabrication"], seed).items():
         write_table(kind, table, snakemake.output[kind], provenance(settings, seed))
         write_csv(kind, snakemake.output[kind])

@@ -1,4 +1,4 @@
-"""Runs in, fitted surrogate and its card out."""
+"""Outcomes in, fitted surrogate and its card out."""
 
 from pathlib import Path
 
@@ -9,5 +9,5 @@ from dldsim.tables import read_table
 
 with job_log(snakemake.log[0]):
     seed = derive_seed(snakemake.params.settings["seed"], "surrogate")
-    model = fit(read_table("runs", snakemake.input[0]), seed)
+    model = fit(read_table("outcomes", snakemake.input[0]), seed)
     model.save(Path(snakemake.output.model), Path(snakemake.output.card))

@@ -11,11 +11,11 @@ with job_log(snakemake.log[0]):
         verifications=map(Path, snakemake.input.verifications),
         designs=map(Path, snakemake.input.designs),
         added=map(Path, snakemake.input.added),
-        runs=Path(snakemake.input.runs),
+        outcomes=Path(snakemake.input.outcomes),
         tables={
             "verifications": Path(snakemake.output.verifications),
             "verified_designs": Path(snakemake.output.designs),
-            "runs": Path(snakemake.output.runs),
+            "outcomes": Path(snakemake.output.outcomes),
         },
         model=Path(snakemake.output.model),
         card=Path(snakemake.output.card),

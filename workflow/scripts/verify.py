@@ -1,4 +1,4 @@
-"""One design request: surrogate and runs in, verified designs and their files out."""
+"""One design request: surrogate and outcomes in, verified designs and their files out."""
 
 from pathlib import Path
 

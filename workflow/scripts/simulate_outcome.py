@@ -1,0 +1,17 @@
+"""One outcome: settings and empty flow in, its row, its runs and their trajectories out."""
+
+from pathlib import Path
+
+from dldsim.jobs import OutcomeFiles, job_log, outcome_job
+
+with job_log(snakemake.log[0]) as progress:
+    outcome_job(
+        snakemake.wildcards.outcome,
+        snakemake.params.settings,
+        flow=Path(snakemake.input.flow),
+        flow_row=Path(snakemake.input.flow_row),
+        files=OutcomeFiles(*(Path(snakemake.output[kind]) for kind in OutcomeFiles._fields)),
+        partial=Path(snakemake.params.partial),
+        crashes=Path(snakemake.params.crash_directory),
+        progress=progress,
+    )
