@@ -468,22 +468,11 @@ class Accuracy(Section):
 
     migration_angle: AngleStudy = AngleStudy()
     deformation_index: IndexStudy = IndexStudy()
-    model_runs: list[RunId] = Field(
-        [], description="runs from which the model of the numerical uncertainty is made"
-    )
-    check_runs: list[RunId] = Field([], description="runs on which that model is checked")
-
-    @model_validator(mode="after")
-    def _checked_on_others(self) -> "Accuracy":
-        if both := sorted(set(self.model_runs) & set(self.check_runs)):
-            raise ValueError(f"check_runs must not be model_runs: {', '.join(both)}")
-        return self
 
     @property
     def array_runs(self) -> list[str]:
         """Identifiers of all array runs of the study, each once."""
-        cases = self.migration_angle.cases.values()
-        return list(dict.fromkeys([*cases, *self.model_runs, *self.check_runs]))
+        return list(dict.fromkeys(self.migration_angle.cases.values()))
 
 
 class StudyNumerics(Section):

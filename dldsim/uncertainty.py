@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from dldsim import PHYSICS_VERSION, __version__
+from dldsim.accuracy import SETTLED
 from dldsim.campaign import settings_hash
 from dldsim.errors import DldsimError
 
@@ -41,8 +42,9 @@ RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
 NO_ANGLE, SPANS = "no angle", "spans the modes"
 """How the text beside a σ_num begins."""
-DECIDED = "decided"
-BUMP = "bump"
+DECIDED, BUMP = "decided", "bump"
+KNOWN = (DECIDED, *SETTLED)
+"""Statuses of an outcome, and of a run, whose motion is known."""
 
 
 def mode_probability(distance: float, sigma_distance: float) -> float:
@@ -126,7 +128,7 @@ def error_of(row: Row, reference: Row) -> float | None:
 
 
 def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[float | None, str]:
-    """σ_num [°] of a row of `outcomes`, and on what it rests.
+    """σ_num [°] of a row of `outcomes`, or of `runs`, and on what it rests.
 
     None without an angle or a model, for another physics version, for numerics other than those
     studied, and where the study has too few pairs. Under conditions or in arrays beyond the study's
@@ -146,7 +148,7 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
     if not sigma_distance or share is None:
         return None, f"{NOT_STUDIED}: the study has too few pairs"
     distance, bump = row["transition_distance"], row["bump_angle_deg"]
-    if row["status"] != DECIDED:
+    if row["status"] not in KNOWN:
         chance, step, why = 0.5, bump, f"{SPANS}, the outcome is {row['status']}"
     elif distance is None:
         chance, step, why = 0.5, bump, f"{SPANS}, its distance from the transition is unknown"

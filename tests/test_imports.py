@@ -10,10 +10,9 @@ PACKAGE = Path(__file__).parents[1] / "dldsim"
 FLOORS = [
     {"errors", "_numba"},
     {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "uncertainty",
-     "accuracy"},
+     "accuracy", "spot_check"},
     {"lattice", "geometry", "membrane", "finite_element", "coupling"},
-    {"flow", "cellflow"},
-    {"reference_study", "spot_check"},
+    {"flow", "cellflow", "reference_study"},
     {"stability"},
     {"simulation", "constriction"},
     {"shear", "stability_sweep", "validation", "validation_fluid", "validation_membrane",

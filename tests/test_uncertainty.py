@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dldsim import PHYSICS_VERSION, uncertainty
+from dldsim import PHYSICS_VERSION, accuracy_figures, figures, uncertainty
 from dldsim.errors import DldsimError
 from dldsim.tables import COLUMNS
 from dldsim.uncertainty import (
@@ -253,6 +253,20 @@ def test_the_sentence_names_who_disagrees():
     sentence = uncertainty.closing_sentence(rows)
     assert sentence.startswith("1 of 2 pairs are within 2 σ_num of the reference; 90% must be.")
     assert "odd (" in sentence and "Of 1 it cannot be told." in sentence
+
+
+@pytest.mark.parametrize("status", ["converged", "periodic", "stationary"])
+def test_a_settled_run_has_the_uncertainty_of_a_decided_outcome(status):
+    assert sigma(status=status) == sigma()
+
+
+def test_the_figure_draws():
+    rows = [check_row(outcome(), outcome(BUMP - 0.01), model()),
+            check_row(outcome(), outcome(1.0, -0.3), model()),
+            check_row(outcome(1.0, -0.3), outcome(1.0, -0.3), model()),
+            check_row(outcome(None), outcome(), model())]
+    figure = accuracy_figures.draw_sigma(pd.DataFrame(rows))
+    assert figures.render(figure, "svg").startswith(b"<?xml")
 
 
 # ------------------------------------------------------------------------------------------ files

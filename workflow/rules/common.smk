@@ -153,7 +153,7 @@ def design_settings(requests, *sections):
 def verification_settings(wildcards):
     requests = [r for r in CONFIG.design_requests if r.name == wildcards.request]
     sections = ("cell", "numerics", "run_control", "stiffness_sets", "verification")
-    return {**design_settings(requests, *sections), "sigma_num_model": accuracy.model_hash()}
+    return {**design_settings(requests, *sections), "sigma_num_model": uncertainty.model_hash()}
 
 
 def crash_count(wildcards):
