@@ -146,8 +146,7 @@ def transitions(study: Reference) -> list[CriticalGap]:
 def searches(config: Config) -> list[Search]:
     """All searches: of each transition one at the campaign's numerics, and one per other value.
 
-    Raises DldsimError if the campaign's own values are not among those searched, without which
-    nothing could be compared with the campaign.
+    Raises DldsimError if a transition is named twice.
     """
     study = config.reference
     wanted = []
@@ -156,11 +155,6 @@ def searches(config: Config) -> list[Search]:
         wanted.append(first)
         for knob, values in _knobs(study).items():
             own = getattr(config.numerics, knob)
-            if own not in values:
-                raise DldsimError(
-                    f"reference: the values of {knob}, {values}, lack the campaign's own, "
-                    f"numerics.{knob} = {own:g}. Add it."
-                )
             wanted += [first._replace(knob=knob, rank=i) for i, v in enumerate(values) if v != own]
     if len(set(wanted)) < len(wanted):
         raise DldsimError("reference.critical_gaps names a transition twice. Leave one out.")
@@ -433,15 +427,18 @@ STEP_OF = {SPACING: "spacing_um", REYNOLDS: "lag_number"}
 
 
 def convergence(rows: Sequence[Row], config: Config) -> list[dict[str, Any]]:
-    """Rows of `convergence`: of each transition and knob, from rows of `critical_gaps`."""
+    """Rows of `convergence`: of each transition and knob, from rows of `critical_gaps`.
+
+    The order is that of the three finest values, the campaign's own among them or not.
+    """
     found = {row["search"]: row for row in rows}
     result = []
     for gap in transitions(config.reference):
         first = Search(gap.pillar_radius_um, gap.periodicity, gap.stiffness_set)
         for knob, values in _knobs(config.reference).items():
             own = getattr(config.numerics, knob)
-            of = [found[search_id(first if v == own else first._replace(knob=knob, rank=i))]
-                  for i, v in enumerate(values)]
+            at = {v: first._replace(knob=knob, rank=i) for i, v in enumerate(values)} | {own: first}
+            of = [found[search_id(at[value])] for value in sorted(at, reverse=True)]
             result.append(_converged(of, knob, found[search_id(first)]))
     return result
 
@@ -454,15 +451,15 @@ def _converged(rows: Sequence[Row], knob: str, campaign: Row) -> dict[str, Any]:
     note = ""
     if None in gaps:
         note = "a search found no transition"
-    elif len(gaps) != 3 or not steps[0] > steps[1] > steps[2]:
+    elif len(finest := steps[-3:]) < 3 or not finest[0] > finest[1] > finest[2]:
         note = "an order needs three falling steps; the runs had " + ", ".join(
             f"{step:.4g}" for step in steps)
-    elif (order := observed_order(steps, gaps)) is None:
+    elif (order := observed_order(finest, gaps[-3:])) is None:
         note = "no order: the values do not approach a limit evenly"
     else:
-        limit = extrapolate(steps, gaps, order)
-        widths = [row["high_um"] - row["low_um"] for row in rows]
-        if min(abs(gaps[0] - gaps[1]), abs(gaps[1] - gaps[2])) < max(widths):
+        limit = extrapolate(finest, gaps[-3:], order)
+        widths = [row["high_um"] - row["low_um"] for row in rows[-3:]]
+        if min(abs(gaps[-3] - gaps[-2]), abs(gaps[-2] - gaps[-1])) < max(widths):
             note = "differences below the width of the brackets: the order is uncertain"
     known = [gap for gap in gaps if gap is not None]
     return {

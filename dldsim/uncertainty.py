@@ -83,7 +83,7 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
     ``distance``: σ_d from the pairs whose transition distance is known twice. ``share``: c from
     decided pairs on the same side of the transition. What the intervals of the angles account for
     is not taken out of c, which is on the safe side. Raises DldsimError for pairs whose numerics
-    differ, and without pairs.
+    differ, without pairs, and for a reference on no finer lattice, whose error would be none.
     """
     made_with = {row["numerics"] for row, _ in pairs}
     if len(made_with) != 1:
@@ -100,6 +100,12 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
             shares.append(error / row["bump_angle_deg"])
         if row["spacing_um"] and reference["spacing_um"]:
             ratios.append(row["spacing_um"] / reference["spacing_um"])
+            if ratios[-1] <= 1:
+                raise DldsimError(
+                    f"σ_num: the reference of {row['outcome_id']} has a spacing of "
+                    f"{reference['spacing_um']:.3g} µm; it must be below the campaign's "
+                    f"{row['spacing_um']:.3g} µm. Lower reference.numerics.spacing_um."
+                )
     rows = [row for row, _ in pairs]
     return {
         "kind": KIND,

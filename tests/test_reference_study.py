@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dldsim import reference_study as study
+from dldsim.campaign import parse_outcome
 from dldsim.config import CriticalGap, Reference, read_config
 from dldsim.errors import DldsimError
 from dldsim.geometry import whole_shift_spacing
@@ -72,10 +73,17 @@ def test_one_setting_at_a_time(config):
     assert finer == own | {"numerics": own["numerics"] | {"spacing_um": 0.63}}
 
 
-def test_a_plan_without_the_campaigns_own_value_is_refused(config):
-    other = config.reference.model_copy(update={"spacings_um": [1.0, 0.8, 0.6]})
-    with pytest.raises(DldsimError, match="spacing_um.*1.25"):
-        study.searches(config.model_copy(update={"reference": other}))
+def test_the_campaigns_own_value_need_not_be_named(config):
+    """A campaign on another lattice compares its own critical gap with those of the finer ones."""
+    numerics = config.numerics.model_copy(update={"spacing_um": 2.0})
+    coarse = config.model_copy(update={"numerics": numerics})
+    found = [s.rank for s in study.searches(coarse) if s[:3] == SEARCH[:3] and s.knob == SPACING]
+    assert found == [0, 1, 2]
+    rows = study.convergence(gaps_of(coarse, lambda h, re: 17 + 0.4 * h**2 - 3 * re), coarse)
+    for row in rows:
+        if row["knob"] == SPACING:
+            assert len(row["steps"]) == 4 and row["observed_order"] == pytest.approx(2, rel=1e-6)
+            assert row["error_um"] == pytest.approx(0.4 * 2.0**2)
 
 
 def test_a_pair_differs_in_what_the_reference_names(config):
@@ -118,6 +126,23 @@ def test_nodes_per_row_shift_are_held_within_a_search(gap, spacing):
     middle, wanted = whole_shift_spacing(study._array(SEARCH, 18.0), spacing)
     assert nodes == wanted and numerics["kernel"] == "compact"
     assert actual / array.pitch_um == pytest.approx(middle / 34.0)
+
+
+def test_every_spacing_of_the_default_plan_is_another_lattice(config):
+    """Nodes per row shift in the middle of each bracket rise from spacing to spacing."""
+    for gap in study.transitions(config.reference):
+        array = study._array(Search(gap.pillar_radius_um, gap.periodicity, gap.stiffness_set),
+                             sum(gap.bracket_um) / 2)
+        nodes = [whole_shift_spacing(array, h)[1] for h in config.reference.spacings_um]
+        assert nodes[0] < nodes[1] < nodes[2]
+
+
+def test_every_pair_gets_a_finer_lattice(config):
+    for run, name in study.pairs(config):
+        array = parse_outcome(run).geometry
+        own, there = (whole_shift_spacing(array, study.study_numerics(n, config)["spacing_um"])[0]
+                      for n in (CAMPAIGN, name))
+        assert name == CAMPAIGN or there <= own / 1.5
 
 
 def test_nodes_would_change_within_the_bracket_if_they_were_not_held():

@@ -140,11 +140,16 @@ def test_the_fit_separates_distance_and_share():
     json.dumps(fitted, allow_nan=False)
 
 
-@pytest.mark.parametrize("pairs", [[], [(outcome(), outcome()),
-                                        (outcome(numerics="{}"), outcome())]])
+@pytest.mark.parametrize("pairs", [[], [(outcome(), outcome(spacing_um=0.6)),
+                                        (outcome(numerics="{}"), outcome(spacing_um=0.6))]])
 def test_pairs_of_different_numerics_or_none_are_refused(pairs):
     with pytest.raises(DldsimError, match="different numerics"):
         fit_model(pairs)
+
+
+def test_a_reference_that_is_no_finer_is_refused():
+    with pytest.raises(DldsimError, match="r08.0_g17.0_n10_s1 has a spacing of 1.2 µm"):
+        fit_model([(outcome(), outcome())])
 
 
 def ensemble(seed, count=400):
@@ -194,8 +199,11 @@ def test_small_where_nothing_can_happen():
 
 def test_no_pair_is_judged_by_a_model_that_saw_its_array():
     """One array is wrong by half a degree within its mode: its own error is not in its σ."""
-    quiet = [(outcome(BUMP, 0.3, gap_um=g), outcome(BUMP - 0.01, 0.25)) for g in (13, 15, 17, 19)]
-    odd = (outcome(BUMP, 0.3, gap_um=16), outcome(BUMP - 0.5, 0.25))
+    def finer(angle):
+        return outcome(angle, 0.25, spacing_um=0.6)
+
+    quiet = [(outcome(BUMP, 0.3, gap_um=g), finer(BUMP - 0.01)) for g in (13, 15, 17, 19)]
+    odd = (outcome(BUMP, 0.3, gap_um=16), finer(BUMP - 0.5))
     rows = cross_validated([*quiet, odd])
     assert rows[-1]["sigma_num_deg"] < 0.02 and rows[-1]["verdict"].startswith("disagrees")
     assert rows[0]["sigma_num_deg"] > 0.1

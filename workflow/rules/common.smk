@@ -113,6 +113,14 @@ def points_before(wildcards):
     return files
 
 
+def installed_reference(wildcards):
+    """The reference that comes with the package; its absence is told before anything is run."""
+    path = reference_study.DATA / "reference_outcomes.parquet"
+    if not path.exists():
+        raise WorkflowError(f"The package holds no reference. {reference_study.REMEDY}")
+    return path
+
+
 def spot_check_settings(wildcards):
     settings = outcome_settings(wildcards)
     return {**settings, **spot_check.check_sections(settings)}

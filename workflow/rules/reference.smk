@@ -95,7 +95,8 @@ rule reference:
 
 rule reference_check:
     input:
-        [pair_row(outcome, "campaign") for outcome in CONFIG.reference.pairs],
+        installed_reference,
+        rows=[pair_row(outcome, "campaign") for outcome in CONFIG.reference.pairs],
     output:
         table=f"{RESULTS}/reference_check.parquet",
         csv=f"{RESULTS}/reference_check.csv",

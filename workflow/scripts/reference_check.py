@@ -7,6 +7,6 @@ from dldsim.jobs import job_log
 from dldsim.reference_jobs import compare
 
 with job_log(snakemake.log[0]):
-    sentence = compare([*map(Path, snakemake.input)], snakemake.params.settings,
+    sentence = compare([*map(Path, snakemake.input.rows)], snakemake.params.settings,
                        table=Path(snakemake.output.table))
 sys.stderr.write(f"{sentence}\n")
