@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from dldsim.campaign import geometry_id, parse_outcome
 from dldsim.config import Config, CriticalGap, Geometry, Reference
 from dldsim.errors import DldsimError
-from dldsim.uncertainty import BUMP, DECIDED
+from dldsim.uncertainty import BUMP, DECIDED, MODEL_PATH, read_model
 
 Row = Mapping[str, Any]
 
@@ -475,11 +475,10 @@ def _converged(rows: Sequence[Row], knob: str, campaign: Row) -> dict[str, Any]:
 
 # ------------------------------------------------------------------------------------ package data
 
-DATA = Path(__file__).parent / "data" / "reference_outcomes"
+DATA, MODEL = MODEL_PATH.parent, MODEL_PATH.name
 KEPT = {"reference_outcomes": "outcomes", "critical_gaps": "critical_gaps",
         "convergence": "convergence"}  # fmt: skip
 """Tables that come with the package, and their kinds."""
-MODEL = "sigma_num.json"
 REMEDY = "Make it with `snakemake -j2 reference` and `python -m dldsim.reference_study results`."
 
 
@@ -490,7 +489,6 @@ def install(results: Path, data: Path = DATA) -> list[Path]:
     or of another physics version; then nothing is copied.
     """
     from dldsim.tables import atomic_path, read_columns
-    from dldsim.uncertainty import read_model
 
     source = Path(results) / "reference"
     for name, kind in KEPT.items():
