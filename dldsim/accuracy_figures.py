@@ -117,7 +117,7 @@ def learning_bands(curve: pd.DataFrame) -> pd.DataFrame:
     """Median, quartiles and times of each model at each number of arrays learnt from."""
     groups = curve.groupby(["model", "geometries"], sort=False)
     return groups.agg(
-        runs=("runs", "mean"), rmse=("rmse_deg", "median"),
+        outcomes=("outcomes", "mean"), rmse=("rmse_deg", "median"),
         low=("rmse_deg", lambda v: v.quantile(0.25)), high=("rmse_deg", lambda v: v.quantile(0.75)),
         fit_time_s=("fit_time_s", "median"),
         simulation_time_s=("simulation_time_s", lambda v: v.mean() if v.notna().all() else np.nan),
@@ -175,7 +175,7 @@ def draw_knobs(accuracy: pd.DataFrame, quantity: str) -> Figure:
     legend(figure, [
         *(key(*styles[knob], "-", label=knob) for knob in styles),
         key("black", "o", filled=False, label="default"),
-        key(GREY, "o", filled=False, label="not converged"),
+        key(GREY, "o", filled=False, label="not settled"),
         *([key("#EDEFF2", "s", label="differences between starts")]
           if table["noise_share"].notna().any() else []),
     ])  # fmt: skip
@@ -219,7 +219,7 @@ def draw_pareto(accuracy: pd.DataFrame) -> Figure:
         key("black", "D", label="default"), key("#D55E00", "D", label="named settings"),
         key("#9AA0A6", "o", label="one knob changed"),
         key("#009E73", line="-", label="Pareto front"),
-        key(GREY, "o", filled=False, label="not converged"),
+        key(GREY, "o", filled=False, label="not settled"),
     ])  # fmt: skip
     return figure
 
@@ -287,34 +287,34 @@ def draw_sigma(check: pd.DataFrame) -> Figure:
 
 @styled
 def draw_learning_curve(curve: pd.DataFrame, sigma_num_deg: float | None = None) -> Figure:
-    """Error on unseen arrays over the runs learnt from, and what these cost."""
+    """Error on unseen arrays over the outcomes learnt from, and what these cost."""
     bands = learning_bands(curve)
     figure = Figure(figsize=(9.2, 3.5), layout="constrained")
     error, cost = figure.subplots(1, 2)
     styles = knob_styles(bands["model"])
     for model, part in bands.groupby("model", sort=False):
-        part = part.sort_values("runs")
+        part = part.sort_values("outcomes")
         colour, marker = styles[model]
-        error.fill_between(part["runs"], part["low"], part["high"], color=colour, alpha=0.15,
+        error.fill_between(part["outcomes"], part["low"], part["high"], color=colour, alpha=0.15,
                            linewidth=0)
-        error.plot(part["runs"], part["rmse"], marker=marker, color=colour, label=model)
-        cost.plot(part["runs"], part["fit_time_s"], marker=marker, color=colour)
+        error.plot(part["outcomes"], part["rmse"], marker=marker, color=colour, label=model)
+        cost.plot(part["outcomes"], part["fit_time_s"], marker=marker, color=colour)
     if sigma_num_deg is not None:
         error.axhline(sigma_num_deg, color="black", linestyle=":", linewidth=1,
-                      label=r"$\sigma_{num}$ of the runs")
-    one = bands[bands["model"] == bands["model"].iloc[0]].sort_values("runs")
-    cost.plot(one["runs"], one["simulation_time_s"], "k--", linewidth=1)
-    error.set(xlabel="runs learnt from", ylabel="RMSE on unseen arrays [°]", xscale="log",
+                      label=r"$\sigma_{num}$ of the outcomes")
+    one = bands[bands["model"] == bands["model"].iloc[0]].sort_values("outcomes")
+    cost.plot(one["outcomes"], one["simulation_time_s"], "k--", linewidth=1)
+    error.set(xlabel="outcomes learnt from", ylabel="RMSE on unseen arrays [°]", xscale="log",
               yscale="log")
-    cost.set(xlabel="runs learnt from", ylabel="time [s]", xscale="log", yscale="log")
+    cost.set(xlabel="outcomes learnt from", ylabel="time [s]", xscale="log", yscale="log")
     for panel in (error, cost):
-        ticks = one["runs"].round().astype(int).tolist()
+        ticks = one["outcomes"].round().astype(int).tolist()
         panel.set_xticks(ticks, [str(tick) for tick in ticks])
         panel.minorticks_off()
     error.yaxis.set_major_formatter("{x:g}")
     below = {"ncols": 2, "loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
     error.legend(**below)
-    cost.legend(handles=[key("black", line="--", label="simulating the runs"),
+    cost.legend(handles=[key("black", line="--", label="simulating the outcomes"),
                          key(GREY, "o", "-", label="fitting")], **below)
     return figure
 

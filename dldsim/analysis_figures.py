@@ -255,9 +255,9 @@ def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
 
 
 @styled
-def draw_density(runs: pd.DataFrame) -> Figure:
+def draw_density(outcomes: pd.DataFrame) -> Figure:
     """Density of DI against θ_m; points by mode (colour and marker)."""
-    points = measured(runs)
+    points = measured(outcomes)
     points = points[points["deformation_index"].notna()]
     figure = Figure(figsize=(6.4, 3.9), layout="constrained")
     axes = figure.subplots()
@@ -278,9 +278,9 @@ def draw_density(runs: pd.DataFrame) -> Figure:
 
 
 @styled
-def draw_boxes(runs: pd.DataFrame) -> Figure:
+def draw_boxes(outcomes: pd.DataFrame) -> Figure:
     """Box plots of θ_m by P_g, N_p and P_r over all else, with every run as a point."""
-    points = measured(runs)
+    points = measured(outcomes)
     figure = Figure(figsize=(9.2, 3.6), layout="constrained")
     panels = figure.subplots(1, 3, sharey=True)
     for panel, name in zip(panels, ("gap_um", "periodicity", "pillar_radius_um"), strict=True):
@@ -300,9 +300,9 @@ def draw_boxes(runs: pd.DataFrame) -> Figure:
 
 
 @styled
-def draw_factors(runs: pd.DataFrame) -> Figure:
+def draw_factors(outcomes: pd.DataFrame) -> Figure:
     """All geometric factors at once: gap along x, P_r as colour, N_p as marker."""
-    points = measured(runs)
+    points = measured(outcomes)
     gaps, radii = ordered(points["gap_um"]), ordered(points["pillar_radius_um"])
     colours, periods = shades_of(radii), ordered(points["periodicity"])
     markers = {p: SET_MARKERS[i % len(SET_MARKERS)] for i, p in enumerate(periods)}
@@ -520,13 +520,13 @@ def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> 
             panel.fill_between(line, line - band, line + band, color=shade, zorder=0)
         r2 = "–" if pd.isna(score["r2"]) else f"{score['r2']:.3f}"
         panel.set_title(f"{SPLIT_NAME[split]}\nRMSE {score['rmse_deg']:.2g}°, $R^2$ {r2}")
-        for filled, dots in part[part["split"] == split].groupby("converged"):
+        for filled, dots in part[part["split"] == split].groupby("decided"):
             dot(panel, dots["observed_deg"], dots["predicted_deg"], SPLIT_COLOUR[split],
                 SPLIT_MARKER[split], filled, markersize=4)
         panel.set(xlim=limits, ylim=limits, aspect="equal", xlabel=r"simulated $\theta_m$ [°]")
     panels[0].set_ylabel(r"predicted $\theta_m$, held out [°]")
-    handles = [key(GREY, "o", label="converged"),
-               key(GREY, "o", filled=False, label="not converged"),
+    handles = [key(GREY, "o", label="settled"),
+               key(GREY, "o", filled=False, label="not settled"),
                key("black", line="-", label="exact; shades ± " + "°, ± ".join(
                    f"{b:g}" for b in BANDS_DEG) + "°")]
     legend(figure, handles)
@@ -534,14 +534,14 @@ def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> 
 
 
 @styled
-def draw_residuals(predictions: pd.DataFrame, runs: pd.DataFrame, model: str) -> Figure:
+def draw_residuals(predictions: pd.DataFrame, outcomes: pd.DataFrame, model: str) -> Figure:
     """Residuals of one model on arrays held out: over the prediction, by N_p, and their spread."""
     part = predictions[(predictions["model"] == model) & (predictions["split"] == "geometry")]
-    part = part.merge(runs[["run_id", "periodicity", "mode"]], on="run_id")
+    part = part.merge(outcomes[["outcome_id", "periodicity", "mode"]], on="outcome_id")
     residual = part["predicted_deg"] - part["observed_deg"]
     figure = Figure(figsize=(9.2, 3.4), layout="constrained")
     over, by, spread = figure.subplots(1, 3, sharey=True, width_ratios=(1.3, 1, 0.7))
-    for (mode, filled), here in part.groupby(["mode", "converged"]):
+    for (mode, filled), here in part.groupby(["mode", "decided"]):
         dot(over, here["predicted_deg"], residual[here.index], MODE_COLOUR[mode], MODE_MARKER[mode],
             filled, markersize=4)
     levels = ordered(part["periodicity"])
@@ -554,7 +554,7 @@ def draw_residuals(predictions: pd.DataFrame, runs: pd.DataFrame, model: str) ->
     over.set(xlabel=r"predicted $\theta_m$ [°]", ylabel="predicted − simulated [°]")
     by.set(xlabel=AXIS_LABEL["periodicity"])
     spread.set(xlabel="predictions")
-    legend(figure, mode_keys(part) + [key(GREY, "o", filled=False, label="not converged")])
+    legend(figure, mode_keys(part) + [key(GREY, "o", filled=False, label="not settled")])
     return figure
 
 

@@ -84,7 +84,7 @@ def _origin(page: _Page, about: dict) -> list[str]:
     rows = {
         "dldsim, physics": f"{about['dldsim_version']}, version {about['physics_version']}",
         "hash of the settings": about["config_hash"], "seed": str(about["seed"]),
-        "surrogate learnt from": f"{data['used']} runs in {data['geometries']} arrays, "
+        "surrogate learnt from": f"{data['used']} outcomes in {data['geometries']} arrays, "
                                  f"SHA-256 {data['sha256'][:16]}…",
         "its error on arrays never seen":
             f"median {scores['median_absolute_error_deg']:.2f}°, root mean square "

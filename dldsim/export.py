@@ -38,7 +38,7 @@ BULKY = {"domain"}
 
 
 class Verified(NamedTuple):
-    """Verifying run of one cell type: row of `runs`, columns of `trajectory`, recorded shapes."""
+    """Outcome of one cell type: row of `outcomes`, `trajectory` and shapes of its first release."""
 
     row: Mapping[str, Any]
     trajectory: Mapping[str, Any]
@@ -152,8 +152,8 @@ def make_record(
 
 
 def describe(quantity: str) -> tuple[str, str]:
-    """Unit and meaning of a quantity, from the tables `designs` and `runs` or from its name."""
-    for kind in ("designs", "runs"):
+    """Unit and meaning of a quantity, from the tables `designs` and `outcomes` or from its name."""
+    for kind in ("designs", "outcomes"):
         for column in COLUMNS[kind]:
             if column.name == quantity:
                 return column.unit, column.description
@@ -166,7 +166,7 @@ def _check_array(name: str, layout: Layout, run: Verified) -> None:
         for source, value in (("row", run.row[key]), ("shapes", getattr(run.shapes.geometry, key))):
             if abs(value - wanted) > 1e-6:
                 raise DldsimError(
-                    f"{name}: the verifying run {run.row['run_id']} has {key} = {value:g} in its "
+                    f"{name}: the verifying {run.row['outcome_id']} has {key} = {value:g} in its "
                     f"{source}, the design {wanted:g} (lengths to the nanometre). Simulate the "
                     "design itself."
                 )

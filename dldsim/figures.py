@@ -3,8 +3,8 @@
 Every ``draw_…`` takes tables (pandas) or computed data and returns a matplotlib Figure; nothing is
 written here. Colours follow Okabe & Ito (bump blue, zigzag vermilion, mixed green) and viridis or
 cividis for ordered quantities, all safe for colour-blind readers; modes and stiffness sets are also
-told apart by marker or line. Open markers and dashed lines: the run stopped at its row limit, so
-that its angle is not converged.
+told apart by marker or line. Open markers and dashed lines: the motion had not settled when the
+rows were spent.
 """
 
 import functools
@@ -20,8 +20,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from dldsim.mesh import EVANS_FUNG
+from dldsim.trajectory import DECIDED, SETTLED
 
-SETTLED = ("converged", "periodic")
 MODES = ("bump", "mixed", "zigzag", "none")
 MODE_COLOUR = {"bump": "#0072B2", "mixed": "#009E73", "zigzag": "#D55E00", "none": "#7F7F7F"}
 MODE_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
@@ -79,14 +79,14 @@ def mode_name(mode: str) -> str:
     return "no mode" if mode == "none" else mode
 
 
-def settled(runs: pd.DataFrame) -> pd.Series:
-    """True where the orbit repeated, so that the angle is converged."""
-    return runs["status"].isin(SETTLED)
+def settled(table: pd.DataFrame) -> pd.Series:
+    """True where the motion of a run, or of all releases of an outcome, has settled."""
+    return table["status"].isin((*SETTLED, *DECIDED))
 
 
-def measured(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs that have a migration angle, converged or not."""
-    return runs[runs["migration_angle_deg"].notna()]
+def measured(table: pd.DataFrame) -> pd.DataFrame:
+    """Runs or outcomes that have a migration angle, settled or not."""
+    return table[table["migration_angle_deg"].notna()]
 
 
 def critical_size_ratio(row_shift_fraction):
@@ -105,12 +105,12 @@ def volume_equivalent_diameter(shape: str, radius_um: float, aspect_ratio: float
     return 2 * radius_um * share ** (1 / 3)
 
 
-def mode_points(runs: pd.DataFrame, aspect_ratio: float) -> pd.DataFrame:
-    """Size over gap, size over critical diameter and angle over bump angle of measured runs.
+def mode_points(outcomes: pd.DataFrame, aspect_ratio: float) -> pd.DataFrame:
+    """Size over gap, size over critical diameter and angle over bump angle of measured outcomes.
 
     Columns added: size_um, size_over_gap, size_over_critical, angle_ratio.
     """
-    points = measured(runs).copy()
+    points = measured(outcomes).copy()
     points["size_um"] = [
         volume_equivalent_diameter(shape, radius, aspect_ratio)
         for shape, radius in zip(points["cell_shape"], points["cell_radius_um"], strict=True)
@@ -164,10 +164,10 @@ def pillar_centres(run, xlim: tuple[float, float], ylim: tuple[float, float]) ->
 def pick_trajectories(runs: pd.DataFrame) -> list[tuple[str, list[str]]]:
     """Runs worth drawing: one typical run per mode, and the geometry that parts the sets most.
 
-    Returns (heading, run ids) per panel. Typical: converged before not converged, then the angle
-    ratio nearest to the median of its mode, then the run id.
+    Returns (heading, run ids) per panel. Of each outcome its first release counts. Typical: settled
+    before not settled, then the angle ratio nearest to the median of its mode, then the run id.
     """
-    points = measured(runs).copy()
+    points = measured(runs.drop_duplicates("outcome_id")).copy()
     points["angle_ratio"] = points["migration_angle_deg"] / points["bump_angle_deg"]
     points["open"] = ~settled(points)
     panels = []
@@ -216,7 +216,7 @@ def trajectory_panel(
     for run, track in zip(rows, tracks, strict=True):
         seen = track[track["x_um"].between(start, end)]
         angle = f"{run['migration_angle_deg']:.2f}°"
-        mark = "" if run["status"] in SETTLED else ", not converged"
+        mark = "" if run["status"] in SETTLED else ", not settled"
         paths.append(
             {
                 "label": f"stiffness set {run['stiffness_set']}: {run['mode']}, {angle}{mark}",
@@ -296,7 +296,7 @@ def mode_keys(runs: pd.DataFrame) -> list:
 
 
 def open_key(runs: pd.DataFrame) -> list:
-    open_ = [key(GREY, "o", filled=False, label="not converged")]
+    open_ = [key(GREY, "o", filled=False, label="not settled")]
     return open_ if (~settled(runs)).any() else []
 
 
@@ -407,7 +407,7 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
     ]
     handles.append(key("black", line=":", label="full bump"))
     if (~settled(runs)).any():
-        handles.append(key(GREY, line="--", label="not converged"))
+        handles.append(key(GREY, line="--", label="not settled"))
     if runs["status"].isin(["stuck", "unstable", "failed"]).any():
         handles.append(key("black", "x", label="run broke off here"))
     legend(figure, handles, ncols=7)
@@ -415,9 +415,9 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
 
 
 @styled
-def draw_angles(runs: pd.DataFrame) -> Figure:
+def draw_angles(outcomes: pd.DataFrame) -> Figure:
     """θ_m against gap, a panel per P_r (against N_p where each P_r has a single gap)."""
-    points = measured(runs)
+    points = measured(outcomes)
     radii = ordered(points["pillar_radius_um"])
     against_gap = points.groupby("pillar_radius_um")["gap_um"].nunique().max() > 1
     x_name = "gap_um" if against_gap else "periodicity"
@@ -458,9 +458,9 @@ def draw_angles(runs: pd.DataFrame) -> Figure:
 
 
 @styled
-def draw_deformability(runs: pd.DataFrame) -> Figure:
+def draw_deformability(outcomes: pd.DataFrame) -> Figure:
     """θ_m over the bump angle against the calibrated DI, a line per array, a panel per P_r."""
-    points = measured(runs)
+    points = measured(outcomes)
     points = points[points["deformation_index"].notna()]
     radii = ordered(points["pillar_radius_um"])
     colours = shades_of(points["periodicity"])
@@ -490,20 +490,20 @@ def draw_deformability(runs: pd.DataFrame) -> Figure:
 
 
 @styled
-def draw_first_period(runs: pd.DataFrame) -> Figure:
-    """First-period angle (the source paper's protocol) against the converged one."""
-    points = measured(runs)
-    points = points[points["first_period_angle_deg"].notna()]
+def draw_first_period(outcomes: pd.DataFrame) -> Figure:
+    """First-period angle (the source paper's protocol) against the settled one."""
+    points = measured(outcomes)
+    points = points[points["source_angle_deg"].notna()]
     figure = Figure(figsize=(9.2, 3.9), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
-    both = points[["migration_angle_deg", "first_period_angle_deg"]]
+    both = points[["migration_angle_deg", "source_angle_deg"]]
     pad = 0.06 * (both.max().max() - min(0.0, both.min().min())) + 0.1
     low, high = min(0.0, both.min().min()) - pad, both.max().max() + pad
     left.plot([low, high], [low, high], ":", color="black", linewidth=1)
     for (mode, filled), part in points.groupby(["mode", settled(points)]):
-        dot(left, part["migration_angle_deg"], part["first_period_angle_deg"],
+        dot(left, part["migration_angle_deg"], part["source_angle_deg"],
              MODE_COLOUR[mode], MODE_MARKER[mode], filled)
-    left.set(xlabel=r"$\theta_m$ at the end of the run [°]", ylabel="angle of first period [°]",
+    left.set(xlabel=r"settled $\theta_m$ [°]", ylabel="angle of first period [°]",
              xlim=(low, high), ylim=(low, high), aspect="equal")
     bumps = points[(points["mode"] == "bump") & (points["migration_angle_deg"] > 0)]
     periodicities = ordered(bumps["periodicity"])
@@ -511,12 +511,12 @@ def draw_first_period(runs: pd.DataFrame) -> Figure:
     for (gap, filled), part in bumps.groupby(["gap_um", settled(bumps)]):
         offset = dodged(list(gaps).index(gap), len(gaps), 0.5)
         places = part["periodicity"].map(periodicities.index) + offset
-        dot(right, places, part["first_period_angle_deg"] / part["migration_angle_deg"],
+        dot(right, places, part["source_angle_deg"] / part["migration_angle_deg"],
              gaps[gap], "o", filled)
     right.axhline(1, color="black", linestyle=":", linewidth=1)
     right.set_xticks(range(len(periodicities)), [str(p) for p in periodicities])
-    right.set(xlabel="periodicity $N_p$", ylabel="first period / end of run", ylim=(0, None))
-    right.set_title("bumping runs")
+    right.set(xlabel="periodicity $N_p$", ylabel="first period / settled", ylim=(0, None))
+    right.set_title("bumping outcomes")
     right.legend(handles=[key(c, "o", label=f"$P_g$ = {g:g} µm") for g, c in gaps.items()],
                  loc="lower right", ncols=2)
     legend(figure, mode_keys(points) + open_key(points))

@@ -39,6 +39,7 @@ from dldsim.tables import atomic_path, read_table
 from dldsim.validation import CASES, verdicts
 
 TABLES = {
+    "outcomes": ("outcomes.parquet", "outcomes"),
     "runs": ("runs.parquet", "runs"),
     "trajectory": ("trajectories.parquet", "trajectories"),
     "flows": ("flows.parquet", "flows"),
@@ -67,16 +68,25 @@ TABLES = {
     "stability": ("stability.parquet", "stability"),
     "reference_check": ("reference_check.parquet", "reference_check"),
     "spot_check": ("spot_check.parquet", "spot_check"),
-    "convergence": ("reference/convergence.parquet", "reference"),
+    "convergence": ("reference/convergence.parquet", "critical_gaps"),
 }
 """Table kind: file in the results folder, rule that makes it."""
-REQUIRED = ("runs",)
+REQUIRED = ("outcomes", "runs")
 EMBED_SVG_BELOW = 260_000
 """Bytes up to which a figure is embedded as SVG; a larger one is embedded as PNG."""
 STATUS_MEANING = {
-    "converged": "steady bump: the motion repeats every row",
+    "decided": "known wherever the cell enters",
+    "coexisting": "known; the motion depends on where the cell enters",
+    "undecided": "not settled when the rows were spent: the angle lies within its interval",
+    "stuck": "the cell stopped moving",
+    "unstable": "a run left the safe range of the numerics",
+    "failed": "a run broke off with an error",
+}
+RUN_MEANING = {
+    "converged": "the motion repeats every row",
     "periodic": "the orbit repeats after several rows",
-    "period_limit": "row limit reached before the orbit repeated: angle not converged",
+    "stationary": "no orbit, but the mean is known",
+    "undecided": "not settled when the rows were spent",
     "stuck": "the cell stopped moving",
     "unstable": "the run left the safe range of the numerics",
     "failed": "the run broke off with an error",
@@ -166,6 +176,10 @@ class Campaign:
     tables: dict[str, pd.DataFrame]
     figure_count: int = 0
     table_count: int = 0
+
+    @property
+    def outcomes(self) -> pd.DataFrame:
+        return self.tables["outcomes"]
 
     @property
     def runs(self) -> pd.DataFrame:
@@ -267,21 +281,23 @@ def _angles(values, decimals: int = 2) -> list[str]:
 
 
 def _summary(campaign: Campaign) -> str:
-    runs = campaign.runs
-    settled = int(figures.settled(runs).sum())
-    limited = int((runs["status"] == "period_limit").sum())
-    broken = runs[runs["status"].isin(BROKEN)]
-    modes = [m for m in figures.MODES[:-1] if (runs["mode"] == m).any()]
-    simulation = runs["wall_time_s"].sum()
+    outcomes = campaign.outcomes
+    count = outcomes["status"].value_counts()
+    undecided = int(count.get("undecided", 0))
+    broken = outcomes[outcomes["status"].isin(BROKEN)]
+    modes = [m for m in figures.MODES[:-1] if (outcomes["mode"] == m).any()]
+    simulation = outcomes["wall_time_s"].sum()
     for kind in ("flows", "constriction_runs"):
         if kind in campaign:
             simulation += campaign[kind]["wall_time_s"].sum()
     cards = [
-        (counted(len(runs), "run"), f"{len(_arrays(runs))} arrays × "
-         f"{runs['stiffness_set'].nunique()} stiffness sets"),
-        (f"{settled} converged", f"{limited} not converged, {len(broken)} broke off"),
+        (counted(len(outcomes), "outcome"), f"{len(_arrays(outcomes))} arrays × "
+         f"{outcomes['stiffness_set'].nunique()} stiffness sets, "
+         f"{counted(len(campaign.runs), 'release')}"),
+        (f"{count.get('decided', 0)} decided", f"{count.get('coexisting', 0)} coexisting, "
+         f"{undecided} undecided, {len(broken)} without an angle"),
         (listing(modes) or "no mode", ", ".join(
-            f"{(runs['mode'] == mode).sum()} {mode}" for mode in modes)),
+            f"{(outcomes['mode'] == mode).sum()} {mode}" for mode in modes)),
         (duration(simulation), "simulation, summed over jobs"),
     ]
     if "predictions" in campaign and len(campaign["predictions"]):
@@ -303,64 +319,76 @@ def _summary(campaign: Campaign) -> str:
         f"<div><b>{head}</b><span>{tail}</span></div>" for head, tail in cards) + "</div>"]
     if len(modes) == 1:
         parts.append(
-            f'<p class="warning">Every measured run has the same mode ({modes[0]}). Angles then '
-            "follow from the geometry alone, and neither the analysis nor the designs below say "
-            "anything about the cell. Widen the sweep across the critical diameter "
+            f'<p class="warning">Every measured outcome has the same mode ({modes[0]}). Angles '
+            "then follow from the geometry alone, and neither the analysis nor the designs below "
+            "say anything about the cell. Widen the sweep across the critical diameter "
             '(see <a href="#modes">Migration modes</a>).</p>'
         )
     parts.append(_status_table(campaign))
     if len(broken):
         parts.append(campaign.table(
             {
-                "run": _texts(broken["run_id"]), "status": _texts(broken["status"]),
-                "rows passed": _numbers(broken["rows_completed"]),
+                "outcome": _texts(broken["outcome_id"]), "status": _texts(broken["status"]),
+                "rows passed": _numbers(broken["rows_total"]),
                 "reason": _texts(broken["stop_reason"]),
             },
-            "Runs that broke off. They have no angle and are in none of the analyses.", ["runs"],
+            "Outcomes without an angle; they are in none of the analyses.", ["outcomes"],
         ))
     else:
-        parts.append("<p>No run broke off.</p>")
-    if limited:
+        parts.append("<p>Every outcome has an angle.</p>")
+    if undecided:
         parts.append(
-            f"<p>{counted(limited, 'run')} reached the row limit (run_control.max_rows = "
-            f"{text(campaign.setting('run_control', 'max_rows'))}) before the orbit repeated. "
-            "The angle of such a run is taken over the second half of its path and may "
-            "still change; in every figure it has an <b>open marker</b> or a dashed line, and in "
-            "every table it is called <b>not converged</b>. The analyses do use these runs.</p>"
+            f"<p>{counted(undecided, 'outcome')} had not settled when the rows were spent "
+            f"(run_control: max_rows = {text(campaign.setting('run_control', 'max_rows'))} for a "
+            "release, outcome_rows_max = "
+            f"{text(campaign.setting('run_control', 'outcome_rows_max'))} for all). The angle is "
+            "then known within its interval only; in every figure it has an <b>open marker</b> or "
+            "a dashed line, and in every table it is called <b>undecided</b>. The analyses do use "
+            "these outcomes.</p>"
         )
     parts.append(_basis(campaign))
     parts.append(_settings(campaign, simulation))
     return "\n".join(parts)
 
 
-def _arrays(runs: pd.DataFrame) -> pd.DataFrame:
-    return runs[["pillar_radius_um", "gap_um", "periodicity"]].drop_duplicates()
+def _arrays(outcomes: pd.DataFrame) -> pd.DataFrame:
+    return outcomes[["pillar_radius_um", "gap_um", "periodicity"]].drop_duplicates()
 
 
 def _status_table(campaign: Campaign) -> str:
-    runs = campaign.runs
-    statuses = [s for s in STATUS_MEANING if (runs["status"] == s).any()]
-    modes = [m for m in figures.MODES if (runs["mode"] == m).any()]
+    outcomes, runs = campaign.outcomes, campaign.runs
+    statuses = [s for s in STATUS_MEANING if (outcomes["status"] == s).any()]
+    modes = [m for m in figures.MODES if (outcomes["mode"] == m).any()]
     columns = {"status": _texts(statuses)}
     for mode in modes:
         columns[figures.mode_name(mode)] = [
-            number(int(((runs["status"] == s) & (runs["mode"] == mode)).sum())) for s in statuses
+            number(int(((outcomes["status"] == s) & (outcomes["mode"] == mode)).sum()))
+            for s in statuses
         ]
-    columns["all"] = [number(int((runs["status"] == s).sum())) for s in statuses]
+    columns["all"] = [number(int((outcomes["status"] == s).sum())) for s in statuses]
     columns["meaning"] = [STATUS_MEANING[s] for s in statuses]
-    return campaign.table(columns, "Runs by status and migration mode.", ["runs"])
+    of_runs = [s for s in RUN_MEANING if (runs["status"] == s).any()]
+    return "\n".join([
+        campaign.table(columns, "Outcomes by status and migration mode. An outcome is an array and "
+                       "a cell, over as many places of release as it takes.", ["outcomes"]),
+        campaign.table({
+            "status of the release": _texts(of_runs),
+            "all": [number(int((runs["status"] == s).sum())) for s in of_runs],
+            "meaning": [RUN_MEANING[s] for s in of_runs],
+        }, "Runs, one from each place of release, by status.", ["runs"]),
+    ])
 
 
 def _basis(campaign: Campaign) -> str:
-    runs = campaign.runs
-    cell = runs.iloc[0]
+    outcomes, runs = campaign.outcomes, campaign.runs
+    cell = outcomes.iloc[0]
     sizes = runs[["rows_in_domain", "lanes_in_domain"]].dropna().drop_duplicates()
     domains = listing(f"{int(rows)} × {int(lanes)}" for rows, lanes in sizes.to_numpy())
     domains = domains or "an unknown number of"
-    capillary = f"{number(runs['capillary_number'].min(), 2)} to " + number(
-        runs["capillary_number"].max(), 2
+    capillary = f"{number(outcomes['capillary_number'].min(), 2)} to " + number(
+        outcomes["capillary_number"].max(), 2
     )
-    reynolds = number(runs["reynolds_number"].max(), 2)
+    lag = number(outcomes["lag_number"].max(), 2)
     entries = {
         "Measured": "in the simulations of this campaign: trajectories, migration angles, modes, "
         "deformation along the path, deformation index in the constriction, permeability and tilt "
@@ -371,9 +399,9 @@ def _basis(campaign: Campaign) -> str:
         "rest; the same liquid inside and outside; a channel "
         + (f"{cell['height_um']:g} µm high; " if cell["height_um"] else "without top and bottom; ")
         + f"one cell per periodic domain of {domains} pillars (rows × lanes), so that it meets its "
-        f"own images; a Reynolds number of {reynolds} or less in place of that of the device, at "
-        f"the capillary number of the device, μU/<i>k</i><sub>s</sub> = {capillary}; the "
-        "dimensions of the constriction.",
+        f"own images; a lag number (numerical Reynolds number) of {lag} or less where the device "
+        "has some thousandths, at the capillary number of the device, μU/<i>k</i><sub>s</sub> = "
+        f"{capillary}; the dimensions of the constriction.",
         "From literature": "membrane coefficients of the stiffness sets and groups, and the group "
         "velocities (source paper, read in the simulation units of its code); the line "
         "<i>D</i><sub>c</sub> = 1.4 <i>G</i> ε<sup>0.48</sup> for rigid spheres (Davis 2008), "
@@ -388,7 +416,7 @@ def _basis(campaign: Campaign) -> str:
 
 
 def _settings(campaign: Campaign, simulation: float) -> str:
-    runs = campaign.runs
+    outcomes = campaign.outcomes
     versions = [f"dldsim {dldsim.__version__}", f"physics version {dldsim.PHYSICS_VERSION}",
                 f"Python {platform.python_version()}"]
     for package in PACKAGES:
@@ -399,7 +427,7 @@ def _settings(campaign: Campaign, simulation: float) -> str:
 
 
     def values(name: str) -> str:
-        return ", ".join(f"{v:g}" for v in sorted(runs[name].unique()))
+        return ", ".join(f"{v:g}" for v in sorted(outcomes[name].unique()))
 
     ranges = {
         "Preset": text(campaign.setting("preset")),
@@ -408,10 +436,10 @@ def _settings(campaign: Campaign, simulation: float) -> str:
         "Pillar radius <i>P</i><sub>r</sub>": values("pillar_radius_um") + " µm",
         "Gap <i>P</i><sub>g</sub>": values("gap_um") + " µm",
         "Periodicity <i>N</i><sub>p</sub>": values("periodicity"),
-        "Stiffness sets": text(", ".join(sorted(runs["stiffness_set"].unique()))),
+        "Stiffness sets": text(", ".join(sorted(outcomes["stiffness_set"].unique()))),
         "Mean velocity": values("mean_velocity_mm_s") + " mm/s",
-        "Lattice spacing": f"{number(runs['spacing_um'].min())} to "
-        f"{number(runs['spacing_um'].max())} µm",
+        "Lattice spacing": f"{number(outcomes['spacing_um'].min())} to "
+        f"{number(outcomes['spacing_um'].max())} µm",
         "Simulation time": f"{duration(simulation)} summed over jobs",
         "Versions": text(", ".join(versions)),
         "Written": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
@@ -423,7 +451,8 @@ def _settings(campaign: Campaign, simulation: float) -> str:
                 ", ".join(f"{key} = {value}" for key, value in values_of.items())
             )
     return campaign.table(
-        {"setting": ranges.keys(), "value": ranges.values()}, "Settings and provenance.", ["runs"]
+        {"setting": ranges.keys(), "value": ranges.values()}, "Settings and provenance.",
+        ["outcomes"],
     )
 
 
@@ -448,7 +477,7 @@ def _trajectories(campaign: Campaign) -> str:
                 "trajectories", figures.draw_trajectories(panels),
                 "Path of the cell's centre of mass over the pillars (grey), laboratory frame, true "
                 "aspect ratio, flow from left to right; the last rows of each run, one period or "
-                "more. Runs are chosen automatically: the converged run nearest to the median "
+                "more. Runs are chosen automatically: the settled run nearest to the median "
                 "angle of its mode, and the array that parts two stiffness sets most. Dotted "
                 "circle: diameter of the cell at rest. Below each: deformation index of the "
                 "bounding box, (a − b)/(a + b). Measured.",
@@ -457,7 +486,7 @@ def _trajectories(campaign: Campaign) -> str:
     if (runs["rows_completed"] > 0).any():
         bottom = (
             "Bottom: where the cell's centre crosses each row, as height in the gap between pillar "
-            "surfaces (grey); a line that ends level has converged. "
+            "surfaces (grey); a line that ends level has settled. "
         ) if tracks is not None else ""
         parts.append(campaign.figure(
             "all_runs", figures.draw_all_runs(runs, tracks),
@@ -470,71 +499,72 @@ def _trajectories(campaign: Campaign) -> str:
     return "\n".join(parts)
 
 
-def _no_angle(runs: pd.DataFrame) -> str | None:
-    if figures.measured(runs).empty:
-        return '<p class="absent">No run of this campaign has a migration angle.</p>'
+def _no_angle(outcomes: pd.DataFrame) -> str | None:
+    if figures.measured(outcomes).empty:
+        return '<p class="absent">No outcome of this campaign has a migration angle.</p>'
     return None
 
 
 def _angle_section(campaign: Campaign) -> str:
-    runs = campaign.runs
-    if sentence := _no_angle(runs):
+    outcomes = campaign.outcomes
+    if sentence := _no_angle(outcomes):
         return sentence
     parts = [campaign.figure(
-        "angles", figures.draw_angles(runs),
-        "Migration angle θ<sub>m</sub> of every run against geometry (position, colour) and "
+        "angles", figures.draw_angles(outcomes),
+        "Migration angle θ<sub>m</sub> of every outcome against geometry (position, colour) and "
         "stiffness set (marker). Dotted: angle of full bump mode, arctan(1/<i>N</i><sub>p</sub>). "
-        "Bars: numerical uncertainty σ<sub>num</sub>, where it is known. Open: not converged. "
+        "Bars: numerical uncertainty σ<sub>num</sub>, where it is known. Open: undecided. "
         "Markers at one position are set apart sideways.",
-        ["runs"],
+        ["outcomes"],
     )]
-    points = figures.measured(runs)
+    points = figures.measured(outcomes)
     if points["deformation_index"].notna().any():
         parts.append(campaign.figure(
-            "deformability", figures.draw_deformability(runs),
+            "deformability", figures.draw_deformability(outcomes),
             "What the cell's deformability does: θ<sub>m</sub> as a fraction of the bump angle "
             "against the deformation index from the constriction calibration; one line per array. "
             "A level line: deformability does not matter in that array.",
-            ["runs", *(["calibration"] if "calibration" in campaign else [])],
+            ["outcomes", *(["calibration"] if "calibration" in campaign else [])],
         ))
     if points["deformation_index"].notna().any():
         parts.append(campaign.figure(
-            "density", analysis_figures.draw_density(runs),
-            "Density of DI against θ<sub>m</sub> (grey: Gaussian kernel), every run as a point, "
-            "set apart sideways. DI takes one value per stiffness set, so that what is continuous "
-            "along DI is the kernel's doing, in the source paper's figure as well. Measured.",
-            ["runs"],
+            "density", analysis_figures.draw_density(outcomes),
+            "Density of DI against θ<sub>m</sub> (grey: Gaussian kernel), every outcome as a "
+            "point, set apart sideways. DI takes one value per stiffness set, so that what is "
+            "continuous along DI is the kernel's doing, in the source paper's figure as well. "
+            "Measured.",
+            ["outcomes"],
         ))
     parts.append(campaign.figure(
-        "boxes", analysis_figures.draw_boxes(runs),
+        "boxes", analysis_figures.draw_boxes(outcomes),
         "θ<sub>m</sub> over one factor at a time, all others pooled; box: quartiles, whiskers: 1.5 "
-        "quartile ranges, points: runs. The source paper reads falling medians and spreads as "
+        "quartile ranges, points: outcomes. The source paper reads falling medians and spreads as "
         "smooth trends; here the spread is a mixture of modes, and its upper edge the bump angle "
-        "arctan(1/<i>N</i><sub>p</sub>). Measured.", ["runs"],
+        "arctan(1/<i>N</i><sub>p</sub>). Measured.", ["outcomes"],
     ))
     parts.append(campaign.figure(
-        "factors", analysis_figures.draw_factors(runs),
+        "factors", analysis_figures.draw_factors(outcomes),
         "All geometric factors at once; a box holds all <i>N</i><sub>p</sub> and stiffness sets of "
         "a gap and a pillar radius. In the source paper each gap has one radius "
         "(<i>P</i><sub>g</sub> = <i>P</i><sub>r</sub> + 10 µm), so that its figure cannot part the "
-        "two; here it can wherever a gap has several boxes. Measured.", ["runs"],
+        "two; here it can wherever a gap has several boxes. Measured.", ["outcomes"],
     ))
-    if points["first_period_angle_deg"].notna().any():
+    if points["source_angle_deg"].notna().any():
         parts.append(campaign.figure(
-            "first_period", figures.draw_first_period(runs),
-            "Angle over the first period after release (the source paper's protocol) against the "
-            "angle at the end of the run. Off the dotted line, the first period still shows the "
-            "transient. Right: their ratio for bumping runs. Measured.",
-            ["runs"],
+            "first_period", figures.draw_first_period(outcomes),
+            "Angle over the first period after release at mid-gap (the source paper's protocol) "
+            "against the settled angle. Off the dotted line, the first period still shows the "
+            "transient. Right: their ratio for bumping outcomes. Measured.",
+            ["outcomes"],
         ))
     return "\n".join(parts)
 
 
 def _mode_section(campaign: Campaign) -> str:
-    if sentence := _no_angle(campaign.runs):
+    if sentence := _no_angle(campaign.outcomes):
         return sentence
     aspect_ratio = campaign.setting("cell", "aspect_ratio") or 1.0
-    points = figures.mode_points(campaign.runs, aspect_ratio)
+    points = figures.mode_points(campaign.outcomes, aspect_ratio)
     right_side = (
         (points["mode"] == "bump") & (points["size_over_critical"] > 1)
         | (points["mode"] == "zigzag") & (points["size_over_critical"] < 1)
@@ -543,7 +573,7 @@ def _mode_section(campaign: Campaign) -> str:
     sentence = ""
     if told.any():
         sentence = (f" With this size, the line puts {int(right_side.sum())} of "
-                    f"{int(told.sum())} bumping or zigzagging runs on the right side.")
+                    f"{int(told.sum())} bumping or zigzagging outcomes on the right side.")
     return campaign.figure(
         "mode_map", figures.draw_mode_map(points),
         "Migration mode (measured) against the empirical law for rigid spheres, "
@@ -553,7 +583,7 @@ def _mode_section(campaign: Campaign) -> str:
         + " Left: map of modes, above the line a rigid sphere bumps; side by side at each "
         "<i>N</i><sub>p</sub> stand the pillar radii, and within each the stiffness sets. Right: "
         "angle as a fraction of the bump angle across the line.",
-        ["runs"],
+        ["outcomes"],
     )
 
 
@@ -863,10 +893,10 @@ def _benchmark(campaign: Campaign) -> str:
             "angle.", ["predictions"],
         ),
         campaign.figure(
-            "residuals", analysis_figures.draw_residuals(predictions, campaign.runs, best),
+            "residuals", analysis_figures.draw_residuals(predictions, campaign.outcomes, best),
             f"Residuals of {text(best)} on arrays held out. The source paper's are a narrow band "
             "about zero, from a random split; here they are widest between the limits, where an "
-            "array decides between zigzag and bump.", ["predictions", "runs"],
+            "array decides between zigzag and bump.", ["predictions", "outcomes"],
         ),
     ]
     if "partial_dependence" in campaign and len(campaign["partial_dependence"]):
@@ -874,8 +904,8 @@ def _benchmark(campaign: Campaign) -> str:
             "partial_dependence",
             analysis_figures.draw_partial_dependence(campaign["partial_dependence"]),
             "Interaction of pairs of inputs after the surrogate: mean prediction with the others "
-            "as in the runs, over combinations inside the domain; blank where there is none. The "
-            "source paper's maps of (<i>N</i><sub>p</sub>, <i>P</i><sub>g</sub>) and "
+            "as in the outcomes, over combinations inside the domain; blank where there is none. "
+            "The source paper's maps of (<i>N</i><sub>p</sub>, <i>P</i><sub>g</sub>) and "
             "(<i>N</i><sub>p</sub>, <i>P</i><sub>r</sub>) are one and the same, since its gap "
             "follows from the radius.", ["partial_dependence"],
         ))
@@ -904,9 +934,9 @@ def _card(campaign: Campaign) -> str:
     reached = "reached" if target["reached"] else "not reached"
     return (
         f"<p>The surrogate ({campaign.link(path)}) was learnt from "
-        f"{counted(card['data']['used'], 'run')} of "
-        f"{counted(card['data']['geometries'], 'array')}, {card['data']['not_converged']} of them "
-        "not converged. On arrays held out: RMSE "
+        f"{counted(card['data']['used'], 'outcome')} of "
+        f"{counted(card['data']['geometries'], 'array')}, {card['data']['undecided']} of them "
+        "undecided. On arrays held out: RMSE "
         f"{number(score['rmse_deg'], 2)}°, median error "
         f"{number(score['median_absolute_error_deg'], 2)}°, R² "
         f"{fixed(score['r2'], 3)}; the rule of the critical diameter: RMSE "
@@ -1027,11 +1057,11 @@ def _verified(campaign: Campaign) -> list[str]:
             "mode": map(figures.mode_name, rows["mode"]), "verdict": _texts(rows["verdict"]),
             "note": _texts(rows["note"]),
         },
-        "All runs of the verification. Shaded: the prediction was missed, or there is no angle.",
+        "All outcomes of the verification. Shaded: the prediction was missed, or no angle.",
         ["verifications"],
         rows["agrees"].isin([False]) | rows["simulated_deg"].isna(),
     )
-    parts.append(f"<details><summary>All {len(rows)} runs of the verification</summary>\n"
+    parts.append(f"<details><summary>All {len(rows)} outcomes of the verification</summary>\n"
                  f"{listing_}\n</details>")
     return parts
 
@@ -1180,19 +1210,19 @@ NUMERICS = {
     "spacing_um": ("lattice spacing Δx", "µm"),
     "time_step_us": ("time step", "µs"),
     "capillary_number": ("capillary number μU/k<sub>s</sub>", "1"),
-    "reynolds_number": ("Reynolds number (numerical)", "1"),
+    "lag_number": ("lag number (numerical Reynolds number)", "1"),
     "mach_max": ("largest Mach number", "1"),
     "volume_drift_max": ("largest volume drift", "1"),
     "area_drift_max": ("largest area drift", "1"),
     "min_clearance_um": ("smallest clearance", "µm"),
     "lateral_flux_ratio": ("lateral/axial flux", "1"),
-    "sigma_orbit_deg": ("σ<sub>orbit</sub> of θ<sub>m</sub>", "°"),
-    "sigma_num_deg": ("σ<sub>num</sub> of θ<sub>m</sub>", "°"),
 }
 
 
 def _numerics(campaign: Campaign) -> str:
     runs = campaign.runs
+    if runs.empty:
+        return '<p class="absent">No run of this campaign was finished.</p>'
     names = [name for name in NUMERICS if runs[name].notna().any()]
 
     def column(what: Callable) -> list[str]:
@@ -1427,18 +1457,18 @@ def _accuracy(campaign: Campaign) -> str:
         parts += _spot_check(campaign)
     if "convergence" in campaign:
         parts.append(_convergence(campaign))
-    parts.append("<h3>Surrogate: error against the number of runs</h3>")
+    parts.append("<h3>Surrogate: error against the number of outcomes</h3>")
     if "learning_curve" not in campaign:
         parts.append(campaign.absent("learning_curve"))
     elif len(campaign["learning_curve"]):
-        sigma = campaign.runs["sigma_num_deg"].dropna()
+        sigma = campaign.outcomes["sigma_num_deg"].dropna()
         parts.append(campaign.figure(
             "learning_curve", accuracy_figures.draw_learning_curve(
                 campaign["learning_curve"],
                 float(np.sqrt(np.mean(sigma**2))) if len(sigma) else None),
-            "Left: error on arrays that were held out, against the number of runs learnt from; "
+            "Left: error on arrays that were held out, against the number of outcomes learnt from; "
             "median and quartiles over repeated splits. A curve that still falls at its right end "
-            "gains from more runs. Right: time of one fit, and of simulating the runs one after "
+            "gains from more outcomes. Right: time of one fit, and of simulating them one after "
             "the other. Measured.", ["learning_curve"],
         ))
     parts.append("<h3>Design search: regret against time</h3>")
@@ -1530,8 +1560,8 @@ def _settings_table(campaign: Campaign) -> str:
         },
         "Whole settings against the combined reference. Error: of the mean over the starts, as a "
         "share of the bump angle or of the reference's deformation index. Starts: what the starts "
-        "alone make such an error differ by. Shaded: a motion did not repeat, its angle is not "
-        "converged.", ["accuracy"], ~whole["settled"].astype(bool),
+        "alone make such an error differ by. Shaded: a motion had not "
+        "settled.", ["accuracy"], ~whole["settled"].astype(bool),
     )
 
 
@@ -1550,14 +1580,14 @@ def _points_table(campaign: Campaign) -> str:
             "status": _texts(knobs["status"]),
         },
         "One knob at a time: error against the finest value of the knob (the last of its list), "
-        "and against the combined reference. Shaded: not converged.", ["accuracy"],
+        "and against the combined reference. Shaded: not settled.", ["accuracy"],
         ~knobs["settled"].astype(bool),
     )
     return f"<details><summary>Table of all {len(knobs)} points</summary>\n{inner}\n</details>"
 
 
 def _basis_of_sigma(campaign: Campaign) -> str:
-    bases = campaign.runs["sigma_num_basis"].str.partition(":")[0].value_counts()
+    bases = campaign.outcomes["sigma_num_basis"].str.partition(":")[0].value_counts()
     listed = "; ".join(f"{text(basis)} ({number(int(n))})" for basis, n in bases.items())
     return (
         "<p>σ<sub>num</sub>² = (<i>h</i>/1.96)² + (<i>c</i> θ<sub>bump</sub>)² + <i>v</i> Δ²: half "
@@ -1639,26 +1669,62 @@ def _convergence(campaign: Campaign) -> str:
     )
 
 
-def _all_runs(campaign: Campaign) -> str:
-    runs = campaign.runs.sort_values("run_id")
-    status = ["not converged" if s == "period_limit" else s for s in runs["status"]]
+def _interval(low, high) -> list[str]:
+    return [f"{fixed(a, 2)} to {fixed(b, 2)}" if pd.notna(a) else NOT_MEASURED
+            for a, b in zip(low, high, strict=True)]
+
+
+def _all_outcomes(campaign: Campaign) -> str:
+    outcomes = campaign.outcomes.sort_values("outcome_id")
+    shares = outcomes[[f"share_{mode}" for mode in ("bump", "mixed", "zigzag")]].to_numpy(float)
     table = campaign.table(
         {
-            "run": _texts(runs["run_id"]), "status": _texts(status),
-            "mode": [figures.mode_name(mode) for mode in runs["mode"]],
+            "outcome": _texts(outcomes["outcome_id"]), "status": _texts(outcomes["status"]),
+            "mode": [figures.mode_name(mode) for mode in outcomes["mode"]],
             "θ<sub>m</sub> [°]": [
-                fixed(a, 2) + (f" ± {fixed(s, 2)}" if pd.notna(s) else "")
-                for a, s in zip(runs["migration_angle_deg"], runs["sigma_num_deg"], strict=True)],
+                fixed(a, 2) + (f" ± {fixed(s, 2)}" if pd.notna(s) else "") for a, s in zip(
+                    outcomes["migration_angle_deg"], outcomes["sigma_num_deg"], strict=True)],
+            "95 % interval [°]": _interval(outcomes["angle_low_deg"], outcomes["angle_high_deg"]),
+            "spread [°]": _angles(outcomes["angle_spread_deg"]),
+            "source's protocol [°]": _angles(outcomes["source_angle_deg"]),
+            "bump [°]": _angles(outcomes["bump_angle_deg"]),
+            "bump, mixed, zigzag [%]": [
+                ", ".join(f"{100 * v:.0f}" for v in row) if np.isfinite(row).all()
+                else NOT_MEASURED for row in shares],
+            "distance from the transition": _angles(outcomes["transition_distance"]),
+            "releases": _numbers(outcomes["releases"]), "rows": _numbers(outcomes["rows_total"]),
+            "DI": _angles(outcomes["deformation_index"], 3),
+            "time [s]": _numbers(outcomes["wall_time_s"], 2),
+            "why": _texts(outcomes["stop_reason"]),
+        },
+        "All outcomes. ± σ<sub>num</sub>; spread: largest minus least angle over the releases; "
+        "bump, mixed, zigzag: shares of the flux of cells; distance from the transition: largest "
+        "lateral step in row shifts, less one. Shaded: undecided, or without an angle.",
+        ["outcomes"], ~figures.settled(outcomes),
+    )
+    return (f"<details><summary>Table of all {len(outcomes)} outcomes</summary>\n{table}\n"
+            "</details>")
+
+
+def _all_runs(campaign: Campaign) -> str:
+    runs = campaign.runs.sort_values("run_id")
+    table = campaign.table(
+        {
+            "run": _texts(runs["run_id"]), "status": _texts(runs["status"]),
+            "mode": [figures.mode_name(mode) for mode in runs["mode"]],
+            "θ<sub>m</sub> [°]": _angles(runs["migration_angle_deg"]),
+            "95 % interval [°]": _interval(runs["angle_low_deg"], runs["angle_high_deg"]),
             "first period [°]": _angles(runs["first_period_angle_deg"]),
-            "bump [°]": _angles(runs["bump_angle_deg"]),
             "rows": _numbers(runs["rows_completed"]),
             "orbit [rows]": [number(int(v)) if v else NOT_MEASURED for v in runs["orbit_rows"]],
-            "DI": _angles(runs["deformation_index"], 3),
+            "settled from row": [
+                NOT_MEASURED if pd.isna(v) else number(int(v)) for v in runs["settled_row"]],
+            "largest step [row shifts]": _angles(runs["row_map_peak"]),
             "time [s]": _numbers(runs["wall_time_s"], 2),
             "why it stopped": _texts(runs["stop_reason"]),
         },
-        "All runs; rows of runs that are not converged or broke off are shaded.", ["runs"],
-        ~figures.settled(runs),
+        "All runs, each from one place of release (y: gap fraction). Shaded: not settled, or "
+        "broken off.", ["runs"], ~figures.settled(runs),
     )
     return f"<details><summary>Table of all {len(runs)} runs</summary>\n{table}\n</details>"
 
@@ -1678,6 +1744,7 @@ SECTIONS: tuple[tuple[str, str, Callable[[Campaign], str]], ...] = (
     ("validation", "Validation", _validation),
     ("accuracy", "Accuracy", _accuracy),
     ("stability", "Stability", _stability),
+    ("outcomes", "All outcomes", _all_outcomes),
     ("runs", "All runs", _all_runs),
 )
 
@@ -1745,7 +1812,7 @@ def make_report(results_dir: Path, output: Path, config: dict) -> None:
 
     Figures go to results_dir/figures as PNG and SVG. Optional tables that do not exist are named
     in their section with the rule that makes them. Raises DldsimError when the table of runs is
-    missing or empty, or a table cannot be read.
+    missing, that of outcomes is missing or empty, or a table cannot be read.
     """
     results_dir, output = Path(results_dir), Path(output)
     tables = {}
@@ -1758,10 +1825,10 @@ def make_report(results_dir: Path, output: Path, config: dict) -> None:
                 f"The report needs the table of {kind}, and {path} does not exist. "
                 f"Make it with: snakemake -j2 {rule}"
             )
-    if tables["runs"].empty:
+    if tables["outcomes"].empty:
         raise DldsimError(
-            f"The table of runs {results_dir / TABLES['runs'][0]} has no row, so there is nothing "
-            "to report. Check the sweep in config.yaml, then run: snakemake -j2 all"
+            f"The table of outcomes {results_dir / TABLES['outcomes'][0]} has no row, so there is "
+            "nothing to report. Check the sweep in config.yaml, then run: snakemake -j2 all"
         )
     campaign = Campaign(results_dir, output, config, tables)
     bodies = [(anchor, title, make(campaign)) for anchor, title, make in SECTIONS]

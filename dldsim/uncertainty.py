@@ -40,7 +40,7 @@ OPEN_FROM = 0.05
 CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s")
 RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
-NO_ANGLE, SPANS = "no angle", "spans the modes"
+SPANS, NO_ANGLE = "spans the modes", "no angle"
 """How the text beside a σ_num begins."""
 DECIDED, BUMP = "decided", "bump"
 KNOWN = (DECIDED, *SETTLED)
@@ -136,13 +136,18 @@ def error_of(row: Row, reference: Row) -> float | None:
 def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[float | None, str]:
     """σ_num [°] of a row of `outcomes`, or of `runs`, and on what it rests.
 
-    None without an angle or a model, for another physics version, for numerics other than those
-    studied, and where the study has too few pairs. Under conditions or in arrays beyond the study's
-    there is a value that is called extrapolated. Where the outcome is not decided, or the
-    transition distance unknown or at odds with the mode, p = ½ and Δ is the bump angle.
+    Where the outcome is not decided it is half the interval and half the bump angle, whatever is
+    known of the numerics. Otherwise None without an angle or a model, for another physics version,
+    for numerics other than those studied, and where the study has too few pairs. Under conditions
+    or in arrays beyond the study's there is a value that is called extrapolated. Where the
+    transition distance is unknown or at odds with the mode, p = ½ and Δ is the bump angle.
     """
     if row["migration_angle_deg"] is None:
         return None, NO_ANGLE
+    bump, low, high = (row[key] for key in ("bump_angle_deg", "angle_low_deg", "angle_high_deg"))
+    interval = 0.0 if None in (low, high) else (high - low) / 2 / OF_95_PERCENT
+    if row["status"] not in KNOWN:
+        return math.hypot(interval, bump / 2), f"{SPANS}: {row['status']}"
     if model is None:
         return None, f"{NOT_STUDIED}: no reference is installed"
     if model["physics_version"] != PHYSICS_VERSION:
@@ -153,10 +158,8 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
     sigma_distance, share = model["distance"]["value"], model["share"]["value"]
     if not sigma_distance or share is None:
         return None, f"{NOT_STUDIED}: the study has too few pairs"
-    distance, bump = row["transition_distance"], row["bump_angle_deg"]
-    if row["status"] not in KNOWN:
-        chance, step, why = 0.5, bump, f"{SPANS}, the outcome is {row['status']}"
-    elif distance is None:
+    distance = row["transition_distance"]
+    if distance is None:
         chance, step, why = 0.5, bump, f"{SPANS}, its distance from the transition is unknown"
     elif distance > 0 and not _bumps(row) or distance < 0 and _bumps(row):
         chance, step, why = 0.5, bump, (f"{SPANS}, mode {row['mode']} contradicts the transition "
@@ -168,10 +171,7 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
         open_mode = f"{SPANS}, " if chance >= OPEN_FROM else ""
         why = (f"{open_mode}{abs(distance) / sigma_distance:.1f} σ from the transition, "
                f"{model['distance']['pairs']} studied pairs")
-    low, high = row["angle_low_deg"], row["angle_high_deg"]
-    half = 0.0 if low is None or high is None else (high - low) / 2
-    sigma = math.sqrt((half / OF_95_PERCENT) ** 2 + (share * bump) ** 2
-                      + step_variance(chance) * step**2)
+    sigma = math.sqrt(interval**2 + (share * bump) ** 2 + step_variance(chance) * step**2)
     beyond = _differing(model["conditions"], row) + [
         f"{key} = {row[key]:g} (studied {low:g} to {high:g})"
         for key, (low, high) in model["ranges"].items() if not low <= row[key] <= high

@@ -70,13 +70,13 @@ def make_verifications(request: str) -> pd.DataFrame:
             rows.append({
                 "request": request, "round": number, "role": role, "array": array,
                 "population": population, "pillar_radius_um": 6.0 + array, "gap_um": 14.3,
-                "periodicity": 8, "height_um": height, "run_id": f"r{array}_s{population}",
+                "periodicity": 8, "height_um": height, "outcome_id": f"r{array}_s{population}",
                 "deformation_index": 0.7, "cell_radius_um": 7.5, "ks_uN_per_m": 5.1,
                 "stiffness_basis": "stiffness set 1", "predicted_deg": 4.0,
                 "predicted_low_deg": 0.5, "predicted_high_deg": 7.5, "simulated_deg": value,
                 "sigma_num_deg": None if first else 0.3, "predicted_mode": "mixed",
                 "mode": "none" if value is None else "mixed",
-                "status": "stuck" if value is None else "periodic", "wall_time_s": 3.0,
+                "status": "stuck" if value is None else "decided", "wall_time_s": 3.0,
                 "agrees": agrees, "verdict": "prediction confirmed" if agrees else "other",
                 "note": "" if value else "the cell stopped",
             })  # fmt: skip
@@ -92,7 +92,7 @@ def make_verified(request: str) -> pd.DataFrame:
     }  # fmt: skip
     common = {
         "request": request, "pillar_radius_um": 7.0, "gap_um": 14.3, "periodicity": 8,
-        "mode_1": "zigzag", "mode_2": "mixed", "status_1": "periodic", "status_2": "periodic",
+        "mode_1": "zigzag", "mode_2": "mixed", "status_1": "decided", "status_2": "decided",
         "predicted_separation_deg": 4.0, "uncertainty_deg": 3.5,
         "separation_tolerance_min_deg": 2.0, "separation_tolerance_max_deg": 4.5,
         "robust_separation_deg": 1.0, "mode_change_probability": 0.1,

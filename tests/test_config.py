@@ -67,6 +67,18 @@ def test_bad_values_are_named(overrides, parts):
     assert "Traceback" not in text and "pydantic" not in text
 
 
+@pytest.mark.parametrize("places", [[], [0.5, 0.5], [1.5], [0.1234]])
+def test_places_of_release_are_distinct_and_in_the_gap(places):
+    with pytest.raises(DldsimError, match="run_control.release_gap_fractions"):
+        resolve(RAW, {"run_control": {"release_gap_fractions": places}})
+
+
+def test_a_campaign_has_no_single_place_of_release():
+    """It would be ignored; the message says where the places are."""
+    with pytest.raises(DldsimError, match="run_control.release_gap_fractions"):
+        resolve(RAW, {"cell": {"release_gap_fraction": 0.3}})
+
+
 def test_every_problem_is_told_in_three_lines():
     with pytest.raises(DldsimError) as caught:
         resolve(RAW, {"flow": {"height_um": -1, "drive": "x"}})

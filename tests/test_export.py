@@ -17,8 +17,9 @@ from dldsim.config import Cell, DesignRequest, Device, Flow, Geometry, Numerics,
 from dldsim.errors import DldsimError
 from dldsim.export import FILES, Verified, describe, export_design, make_populations
 from dldsim.flow import solve_empty_array
+from dldsim.simulation import simulate_outcome
 from dldsim.tables import COLUMNS
-from dldsim.vtk import simulate_with_shapes
+from dldsim.vtk import Recorder
 
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 DEVICE = Device(array_length_mm=1.0, array_width_mm=0.8)
@@ -41,16 +42,19 @@ CARD = {"model": "xgboost", "scores_by_geometry": {"rmse_deg": 1.3}, "domain": {
 def verified():
     """Two short runs of small cells, a soft and a stiff one."""
     cell, flow, numerics = Cell(radius_um=4.0), Flow(height_um=12.0), Numerics()
-    control = RunControl(max_rows=4)
+    control = RunControl(max_rows=4, release_gap_fractions=[0.5])
     empty = solve_empty_array(GEOMETRY, flow, numerics)
     found = []
     for name, factor in (("1", 1), ("5", 4)):
         stiffness = SOFT.model_copy(update={"ks_uN_per_m": 5.1 * factor})
-        run, shapes = simulate_with_shapes(
-            GEOMETRY, stiffness, cell, flow, numerics, control, run_id=f"r_s{name}",
-            stiffness_set=name, every=2, empty_flow=empty,
+        recorder = Recorder(2)
+        made = simulate_outcome(
+            GEOMETRY, stiffness, cell, flow, numerics, control, outcome_id=f"r_s{name}",
+            stiffness_set=name, empty_flow=empty, observe=recorder,
         )  # fmt: skip
-        found.append(Verified({**run.row, "sigma_num_deg": 0.3}, run.trajectory, shapes))
+        run = made.runs[0.5]
+        found.append(Verified({**made.row, "sigma_num_deg": 0.3}, run.trajectory,
+                              recorder.shapes(GEOMETRY, run)))
     return found
 
 

@@ -38,7 +38,7 @@ def lateral_steps(mode: str, periodicity: int, rows: int, pitch: float) -> np.nd
     return steps * np.where(np.arange(rows) < 2, 0.7, 1.0)
 
 
-def make_run(radius, gap, periodicity, name, rng, status=None) -> tuple[dict, dict]:
+def make_run(radius, gap, periodicity, name, rng, status=None, place=0.5) -> tuple[dict, dict]:
     """One row of `runs` and its trajectory columns; the mode follows D_c."""
     pitch = 2 * radius + gap
     ks, kb, kal, di = SETS[name]
@@ -46,40 +46,43 @@ def make_run(radius, gap, periodicity, name, rng, status=None) -> tuple[dict, di
     mode = "bump" if size > 1.05 else "zigzag" if size < 0.95 else "mixed"
     broken = status in ("stuck", "unstable", "failed")
     mode = "none" if broken else mode
-    status = status or {"bump": "converged", "zigzag": "periodic", "mixed": "period_limit"}[mode]
+    status = status or {"bump": "converged", "zigzag": "periodic", "mixed": "undecided"}[mode]
     rows = {"stuck": 4, "unstable": 1, "failed": 0}.get(status, 2 * periodicity)
     steps = lateral_steps("bump" if broken else mode, periodicity, rows, pitch)
     bump_angle = np.degrees(np.arctan(1 / periodicity))
     tail, first = steps[-periodicity:].sum(), steps[:periodicity].sum()
     angles = [np.degrees(np.arctan(s / (pitch * periodicity))) for s in (tail, first)]
-    run_id = f"r{radius:04.1f}_g{gap:04.1f}_n{periodicity:02d}_s{name}"
+    outcome_id = f"r{radius:04.1f}_g{gap:04.1f}_n{periodicity:02d}_s{name}"
+    run_id = f"{outcome_id}_y{place:.2f}"
     failed = status == "failed"
     row = {
-        "run_id": run_id, "pillar_radius_um": radius, "gap_um": gap, "pitch_um": pitch,
+        "run_id": run_id, "outcome_id": outcome_id, "release_axis": "y",
+        "release_gap_fraction": place, "pillar_radius_um": radius, "gap_um": gap, "pitch_um": pitch,
         "periodicity": periodicity, "row_shift_fraction": 1 / periodicity, "stiffness_set": name,
         "cell_shape": "biconcave", "cell_radius_um": 7.5, "height_um": 20.0, "ks_uN_per_m": ks,
         "kb_pN_um": kb, "kal_uN_per_m": kal, "kag_uN_per_m": 500.0, "kv_Pa": 900.0,
-        "kvisc_nN_s_per_m": 1.5, "mean_velocity_mm_s": 1.0, "deformation_index": di,
-        "deformation_index_std": 0.03, "status": status,
+        "kvisc_nN_s_per_m": 1.5, "mean_velocity_mm_s": 1.0, "status": status,
         "stop_reason": NASTY if broken else "the orbit repeats", "mode": mode,
         "migration_angle_deg": None if broken else angles[0],
         "first_period_angle_deg": None if broken else angles[1],
-        "sigma_orbit_deg": None if broken else 0.05,
-        "sigma_num_deg": None if broken or status == "period_limit" else 0.1,
-        "sigma_num_basis": "no angle" if broken else "not studied: <few> runs"
-        if status == "period_limit" else "modelled: bump, 4 studied runs",
+        "angle_low_deg": None if broken else angles[0] - 0.1,
+        "angle_high_deg": None if broken else angles[0] + 0.1,
+        "settled_row": None if broken or status == "undecided" else 3,
+        "row_map_peak": None if broken else 1.1, "capture_chance": None if broken else 0.0,
+        "transition_distance": None if broken else 0.1,
         "bump_angle_deg": bump_angle, "rows_completed": rows,
         "orbit_rows": {"converged": 1, "periodic": periodicity}.get(status, 0),
         "lateral_steps_um": list(steps), "steps": 1300 * rows, "nodes": 30_000, "vertices": 642,
         "spacing_um": 1.25, "rows_in_domain": 1, "lanes_in_domain": 1, "time_step_us": 0.26,
-        "relaxation_time": 1.5, "wall_time_s": 0.7 * rows + rng.uniform(0, 1),
+        "relaxation_time": 1.5, "velocity_lu": 0.01, "height_on_lattice_um": 20.0,
+        "wall_time_s": 0.7 * rows + rng.uniform(0, 1),
         "ms_per_step": None if failed else 0.55 + rng.uniform(0, 0.1),
         "mlups": None if failed else 52.0, "capillary_number": 1.5 / ks,
-        "reynolds_number": 0.3, "mach_max": 0.06, "confinement": 15 / gap,
+        "reynolds_number": 0.3, "lag_number": 0.14, "mach_max": 0.06, "confinement": 15 / gap,
         "lateral_flux_ratio": 3e-5, "volume_drift_max": None if failed else rng.uniform(1e-4, 4e-3),
         "area_drift_max": None if failed else rng.uniform(1e-3, 1e-2),
         "min_clearance_um": None if failed else 0.8, "mean_deformation_index": 0.3,
-        "left_out": "solid columns; outer viscosity field", "numerics": "{}",
+        "left_out": "solid columns; outer viscosity field", "numerics": "{}", "details": "{}",
     }
     count = 30 * rows + 1
     along = np.linspace(0, rows, count)
@@ -95,14 +98,42 @@ def make_run(radius, gap, periodicity, name, rng, status=None) -> tuple[dict, di
     return row, track
 
 
+def make_outcome(runs: list[dict]) -> dict:
+    """Row of `outcomes` of the runs of one array and cell; runs in several modes coexist."""
+    first = runs[0]
+    status = {"converged": "decided", "periodic": "decided"}.get(first["status"], first["status"])
+    modes = [run["mode"] for run in runs]
+    coexisting = len(set(modes)) > 1
+    known = first["migration_angle_deg"] is not None
+    shares = {f"share_{m}": modes.count(m) / len(modes) for m in (*figures.MODES[:3], "none")}
+    names = {c.name for c in COLUMNS["outcomes"]}
+    return {name: value for name, value in first.items() if name in names} | shares | {
+        "status": "coexisting" if coexisting else status, "coexisting": coexisting,
+        "deformation_index": SETS[first["stiffness_set"]][3], "deformation_index_std": 0.03,
+        "angle_spread_deg": 0.0 if known else None, "releases": len(runs),
+        "source_angle_deg": first["first_period_angle_deg"],
+        "sigma_num_deg": 0.1 if known and status == "decided" else None,
+        "sigma_num_basis": "modelled: bump, 4 studied runs" if known and status == "decided"
+        else "not studied: <few> runs" if known else "no angle",
+        "rows_total": sum(run["rows_completed"] for run in runs),
+    }  # fmt: skip
+
+
 def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodicities=(5, 10)) -> dict:
     """All tables of a small campaign with every status; returns the tables by kind."""
     rng = np.random.default_rng(1)
     arrays = [(r, g, n) for r in radii for g in gaps for n in periodicities]
     ends = {(arrays[0], "1"): "stuck", (arrays[0], "3"): "unstable", (arrays[1], "1"): "failed"}
     made = [make_run(*a, s, rng, ends.get((a, s))) for a in arrays for s in SETS]
-    runs = [row for row, _ in made]
-    tables = {"runs": pd.DataFrame(runs), "trajectory": pd.concat(
+    pairs = [[row] for row, _ in made]
+    known = next(i for i, [row] in enumerate(pairs) if row["mode"] == "bump")
+    again, track = make_run(*(made[known][0][k] for k in ("pillar_radius_um", "gap_um",
+                            "periodicity", "stiffness_set")), rng, place=0.2)  # fmt: skip
+    pairs[known].append(again | {"mode": "zigzag", "status": "stationary", "orbit_rows": 0})
+    made.insert(known + 1, (pairs[known][1], track))
+    runs = [row for rows in pairs for row in rows]
+    outcomes = pd.DataFrame([make_outcome(rows) for rows in pairs])
+    tables = {"outcomes": outcomes, "runs": pd.DataFrame(runs), "trajectory": pd.concat(
         [pd.DataFrame(track) for row, track in made if row["status"] != "failed"])}
     tables["flows"] = pd.DataFrame([
         dict.fromkeys((c.name for c in COLUMNS["flows"]), 0.01) | {
@@ -177,19 +208,19 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
     names = ["pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "deformation_index",
              "cell_radius_um"]
     tables["fabrication"] = pd.concat([
-        tables["runs"][names].assign(
+        tables["outcomes"][names].assign(
             radius_error_um=error, moved_limit_deg=0.5, predicted_angle_deg=2.0,
-            predicted_mode="bump", simulated_mode=tables["runs"]["mode"],
+            predicted_mode="bump", simulated_mode=tables["outcomes"]["mode"],
             mode_change_probability=error / 2, moved_probability=0.3, angle_std_deg=0.4,
             inside_share=0.4 if error > 0.5 else 0.9)
         for error in (0.25, 1.0)])
-    mean = tables["runs"].groupby(["pillar_radius_um", "gap_um", "periodicity"])[
+    mean = tables["outcomes"].groupby(["pillar_radius_um", "gap_um", "periodicity"])[
         "migration_angle_deg"].mean().reset_index()  # fmt: skip
     tables["robustness"] = mean.rename(
         columns={"migration_angle_deg": "mean_migration_angle_deg"}
     ).assign(stability_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)), neighbours=3,
              robust=lambda t: np.arange(len(t)) == 1, modes="bump 2, zigzag 1")  # fmt: skip
-    learnt = figures.measured(tables["runs"])
+    learnt = figures.measured(tables["outcomes"])
     errors = {"XGBoost": 0.3, "Random forest": 0.5, "Linear": 1.6}
     benchmark, predictions = [], []
     for model, error in errors.items():
@@ -205,10 +236,10 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
                     "fit_time_s": 0.02, "predict_time_s": 0.001,
                 })  # fmt: skip
                 predictions += [
-                    {"run_id": r["run_id"], "model": model, "split": split, "repeat": 0,
+                    {"outcome_id": r["outcome_id"], "model": model, "split": split, "repeat": 0,
                      "fold": fold,
                      "observed_deg": r["migration_angle_deg"], "predicted_deg": p,
-                     "converged": r["status"] != "period_limit"}
+                     "decided": r["status"] != "undecided"}
                     for (_, r), p in zip(test.iterrows(), guess, strict=True)
                 ]
     tables["benchmark"] = pd.DataFrame(benchmark)
@@ -259,7 +290,7 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
                 "value": error, "error": error, "error_share": error,
                 "error_to_reference": error, "error_to_reference_share": error,
                 "noise": 0.01, "noise_share": 0.01, "bump_angle_deg": 5.0, "mode": "bump",
-                "status": "unstable" if error is None else "periodic/period_limit",
+                "status": "unstable" if error is None else "periodic/undecided",
                 "settled": case != "edge" and error is not None, "wall_time_s": time,
                 "rows": 20.0,
             })  # fmt: skip
@@ -285,7 +316,7 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
         "critical_gaps_um": [17.0, 17.2, 17.3], "range_um": 0.3, "observed_order": None,
         "extrapolated_gap_um": None, "error_um": None, "note": "no order",
     }]  # fmt: skip
-    curve = [{"model": model, "repeat": k, "geometries": n, "runs": 3 * n, "n_test": 6,
+    curve = [{"model": model, "repeat": k, "geometries": n, "outcomes": 3 * n, "n_test": 6,
               "rmse_deg": error * (1 + 1 / n) + 0.01 * k, "mae_deg": 0.1, "fit_time_s": 0.1,
               "simulation_time_s": 12.0 * n}
              for model, error in (("XGBoost", 0.4), ("rule", 3.0)) for k in range(3)
@@ -359,37 +390,43 @@ def campaign(tmp_path_factory):
     return tables, Page(folder / "report.html")
 
 
-def test_status_table_counts_the_runs(campaign):
+def test_status_table_counts_the_outcomes(campaign):
     tables, page = campaign
-    runs = tables["runs"]
-    statuses = runs["status"].value_counts()
+    outcomes = tables["outcomes"]
+    statuses = outcomes["status"].value_counts()
     assert set(statuses.index) == set(report.STATUS_MEANING)  # the made-up campaign has them all
     head = page.row("status")
     for status, count in statuses.items():
         row = dict(zip(head, page.row(status), strict=True))
         assert row["all"] == str(count)
-        of_status = runs[runs["status"] == status]["mode"]
+        of_status = outcomes[outcomes["status"] == status]["mode"]
         for mode in ("bump", "mixed", "zigzag"):
             assert row[mode] == str((of_status == mode).sum())
+    statuses = tables["runs"]["status"].value_counts()
+    assert set(statuses.index) == set(report.RUN_MEANING)
+    for status in ("converged", "periodic", "stationary"):
+        assert page.row(status)[1] == str(statuses[status])
 
 
-def test_runs_that_are_not_converged_are_labelled(campaign):
+def test_every_outcome_and_every_release_has_a_row(campaign):
     tables, page = campaign
-    runs = tables["runs"]
-    for run_id in runs.loc[runs["status"] == "period_limit", "run_id"]:
-        assert page.row(run_id)[1] == "not converged"
-    for run_id in runs.loc[runs["status"] == "converged", "run_id"]:
-        assert page.row(run_id)[1] == "converged"
+    for _, outcome in tables["outcomes"].iterrows():
+        if outcome["mode"] != "none":
+            assert page.row(outcome["outcome_id"])[1] == outcome["status"]
+    for _, run in tables["runs"].iterrows():
+        assert page.row(run["run_id"])[1] == run["status"]
+    [coexisting] = tables["outcomes"].query("status == 'coexisting'").to_dict("records")
+    row = page.row(coexisting["outcome_id"])
+    assert "50, 0, 50" in row and "2" in row  # shares of the flux, releases
 
 
-def test_broken_runs_are_listed_with_their_reason(campaign):
+def test_outcomes_without_an_angle_are_listed_with_their_reason(campaign):
     tables, page = campaign
-    runs = tables["runs"]
-    broken = runs[runs["mode"] == "none"]
+    broken = tables["outcomes"].query("mode == 'none'")
     assert len(broken) == 3
-    for _, run in broken.iterrows():
-        row = page.row(run["run_id"])
-        assert row[1] == run["status"] and row[-1] == NASTY
+    for _, outcome in broken.iterrows():
+        row = page.row(outcome["outcome_id"])
+        assert row[1] == outcome["status"] and row[-1] == NASTY
 
 
 def test_text_from_tables_is_escaped(campaign):
@@ -461,15 +498,24 @@ def test_verified_designs_show_simulation_beside_prediction(campaign):
     assert "largest simulated separation of a design" in page.text
 
 
-def test_report_of_broken_runs_alone_says_what_is_missing(tmp_path):
+def write_campaign(folder, rows):
+    """The tables of outcomes and runs of made-up runs, one of each outcome."""
+    write_table("outcomes", [make_outcome([row]) for row in rows], folder / "outcomes.parquet",
+                PROVENANCE)
+    write_table("runs", rows, folder / "runs.parquet", PROVENANCE)
+
+
+def test_report_of_broken_outcomes_alone_says_what_is_missing(tmp_path):
     """No optional table and no angle: sentences and rules, no crash."""
     rng = np.random.default_rng(0)
     rows = [make_run(6.0, 18.0, 5, name, rng, "failed")[0] for name in SETS]
-    blank = {c.name: None for c in COLUMNS["runs"] if c.nullable}
-    write_table("runs", [row | blank for row in rows], tmp_path / "runs.parquet", PROVENANCE)
+    blank = {c.name: None for c in COLUMNS["outcomes"] if c.nullable}
+    outcomes = [make_outcome([row]) | blank | {"releases": 0} for row in rows]
+    write_table("outcomes", outcomes, tmp_path / "outcomes.parquet", PROVENANCE)
+    write_table("runs", [], tmp_path / "runs.parquet", PROVENANCE)
     report.make_report(tmp_path, tmp_path / "page" / "report.html", {})
     page = Page(tmp_path / "page" / "report.html")
-    assert "No run of this campaign has a migration angle" in page.text
+    assert "No outcome of this campaign has a migration angle" in page.text
     for rule in ("trajectories", "flows", "constriction_runs", "anova", "robustness_map",
                  "benchmark", "designs"):
         assert f"Make it with snakemake -j2 {rule} ," in page.text
@@ -480,21 +526,24 @@ def test_one_mode_alone_is_called_out(tmp_path):
     rng = np.random.default_rng(0)
     rows = [make_run(6.0, 12.0, n, name, rng)[0] for name in SETS for n in (8, 12)]
     assert {row["mode"] for row in rows} == {"bump"}
-    write_table("runs", rows, tmp_path / "runs.parquet", PROVENANCE)
+    write_campaign(tmp_path, rows)
     report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
     text = Page(tmp_path / "report.html").text
-    assert "Every measured run has the same mode (bump)" in text
+    assert "Every measured outcome has the same mode (bump)" in text
 
 
-def test_runs_are_required(tmp_path):
-    with pytest.raises(DldsimError, match=r"runs\.parquet does not exist.*snakemake -j2 runs"):
-        report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+def test_outcomes_and_runs_are_required(tmp_path):
+    def refused(words):
+        with pytest.raises(DldsimError, match=words):
+            report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+
+    refused(r"outcomes\.parquet does not exist.*snakemake -j2 outcomes")
+    write_table("outcomes", [], tmp_path / "outcomes.parquet", PROVENANCE)
+    refused(r"runs\.parquet does not exist.*snakemake -j2 runs")
     write_table("runs", [], tmp_path / "runs.parquet", PROVENANCE)
-    with pytest.raises(DldsimError, match="has no row"):
-        report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    refused("has no row")
     (tmp_path / "runs.parquet").write_bytes(b"PAR1 cut short")
-    with pytest.raises(DldsimError, match=r"runs\.parquet"):
-        report.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    refused(r"runs\.parquet")
     assert not (tmp_path / "report.html").exists()
 
 
@@ -562,7 +611,7 @@ def test_pillars_stand_on_the_shifted_lattice():
     assert [0.0, 0.0] in centres.tolist() and [30.0, 36.0] in centres.tolist()
 
 
-def test_picked_trajectories_show_each_mode_and_prefer_converged_runs(campaign):
+def test_picked_trajectories_show_each_mode_and_prefer_settled_runs(campaign):
     runs = campaign[0]["runs"]
     picked = dict(figures.pick_trajectories(runs))
     for mode in ("bump", "zigzag"):
@@ -572,7 +621,7 @@ def test_picked_trajectories_show_each_mode_and_prefer_converged_runs(campaign):
     [pair] = [ids for heading, ids in picked.items() if heading.startswith("one array")]
     parted = runs.set_index("run_id").loc[pair]
     assert parted[["pillar_radius_um", "gap_um", "periodicity"]].nunique().tolist() == [1, 1, 1]
-    assert parted["mode"].nunique() == 2
+    assert parted["mode"].nunique() == parted["stiffness_set"].nunique() == 2
 
 
 def test_trajectory_panel_shows_a_period_in_true_proportion(campaign):
@@ -587,9 +636,9 @@ def test_trajectory_panel_shows_a_period_in_true_proportion(campaign):
     assert scale == pytest.approx(1, rel=1e-3)
 
 
-def test_mode_points_place_runs_against_the_critical_diameter(campaign):
-    points = figures.mode_points(campaign[0]["runs"], 1.0)
-    assert len(points) == len(figures.measured(campaign[0]["runs"]))
+def test_mode_points_place_outcomes_against_the_critical_diameter(campaign):
+    points = figures.mode_points(campaign[0]["outcomes"], 1.0)
+    assert len(points) == len(figures.measured(campaign[0]["outcomes"]))
     run = points.iloc[0]
     law = 1.4 * run["gap_um"] * run["periodicity"] ** -0.48
     assert run["size_over_critical"] == pytest.approx(run["size_um"] / law)
@@ -618,7 +667,7 @@ def test_correlation_matrix_is_symmetric():
 def test_angles_of_an_aliased_sweep_are_drawn_against_periodicity():
     rng = np.random.default_rng(0)
     rows = [make_run(r, r + 10, n, s, rng)[0] for r in (4.0, 8.0) for n in (4, 8) for s in SETS]
-    figure = figures.draw_angles(pd.DataFrame(rows))
+    figure = figures.draw_angles(pd.DataFrame([make_outcome([row]) for row in rows]))
     assert [axes.get_xlabel() for axes in figure.axes] == ["periodicity $N_p$"] * 2
 
 

@@ -18,7 +18,7 @@ RAW = yaml.safe_load((Path(__file__).parents[1] / "config.yaml").read_text(encod
 
 @pytest.fixture(scope="module")
 def config():
-    return resolve(RAW, {"numerics": {"spacing_um": 2.0, "velocity_lu": 0.0125}})
+    return resolve(RAW, {"numerics": {"spacing_um": 2.0, "velocity_lu": 0.004}})
 
 
 def test_every_set_and_group_is_multiplied_up_to_a_thousand(config):

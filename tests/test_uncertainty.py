@@ -93,13 +93,22 @@ def test_sigma_spans_the_modes_at_the_transition():
 
 @pytest.mark.parametrize(
     ("changes", "word"),
-    [({"distance": None}, "unknown"), ({"distance": -0.4}, "contradicts"),
-     ({"status": "undecided"}, "undecided"), ({"status": "coexisting"}, "coexisting")],
+    [({"distance": None}, "unknown"), ({"distance": -0.4}, "contradicts")],
 )
 def test_an_open_mode_spans_the_modes(changes, word):
     found, basis = numerical_uncertainty(outcome(**changes), model())
     assert 2 * found >= BUMP
     assert basis.startswith("modelled: spans the modes") and word in basis
+
+
+@pytest.mark.parametrize("status", ["undecided", "coexisting"])
+def test_what_is_not_decided_spans_the_modes_with_or_without_a_study(status):
+    """Half the bump angle and what the interval of the mean has."""
+    row = outcome(2.0, 0.3, status=status, angle_low_deg=0.0, angle_high_deg=4.0)
+    for study in (model(), None):
+        found, basis = numerical_uncertainty(row, study)
+        assert found == pytest.approx(math.hypot(BUMP / 2, 2 / 1.96))
+        assert basis == f"spans the modes: {status}"
 
 
 def test_the_interval_of_the_angle_adds_in_quadrature():

@@ -12,10 +12,10 @@ from dldsim.mesh import make_shape, volume
 from dldsim.simulation import simulate_run
 from dldsim.vtk import (
     TOPOLOGIES,
+    Recorder,
     Shapes,
     pillars_near,
     read_vtkhdf,
-    simulate_with_shapes,
     write_pillars,
     write_vtkhdf,
 )
@@ -39,9 +39,11 @@ def run(empty):
     return simulate_run(*SCENE, CONTROL, run_id="r", stiffness_set="1", empty_flow=empty)
 
 
-def record(empty, **options):
-    return simulate_with_shapes(*SCENE, CONTROL, run_id="r", stiffness_set="1", empty_flow=empty,
-                                **options)
+def record(empty, every=1):
+    recorder = Recorder(every)
+    result = simulate_run(*SCENE, CONTROL, run_id="r", stiffness_set="1", empty_flow=empty,
+                          observe=recorder)
+    return result, recorder.shapes(GEOMETRY, result)
 
 
 @pytest.fixture(scope="module")
