@@ -3,7 +3,9 @@
 Where the bump lane is far from appearing or vanishing, the numerics change an angle by a small
 share of the bump angle. Near the transition they decide the mode. How near is told by the
 transition distance d (largest lateral step of a row in row shifts minus one) against the error σ_d
-that it was seen to have: the mode is wrong with probability p = Φ(−|d|/σ_d), and
+that it was seen to have on that side of the transition: the two sides are told apart since a cell
+that rests in the bump lane shows little of the row map. The mode is wrong with probability
+p = Φ(−|d|/σ_d), and
 
     σ_num² = (h/1.96)² + (c θ_bump)² + v Δ²,
 
@@ -43,6 +45,7 @@ MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
 SPANS, NO_ANGLE = "spans the modes", "no angle"
 """How the text beside a σ_num begins."""
 DECIDED, BUMP = "decided", "bump"
+SIDES = "bump lane", "no bump lane"
 KNOWN = (DECIDED, *SETTLED)
 """Statuses of an outcome, and of a run, whose motion is known."""
 
@@ -80,20 +83,22 @@ def spread(errors: Sequence[float]) -> dict[str, Any]:
 def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
     """Model of σ_num from outcomes at the campaign's and at finer numerics.
 
-    ``distance``: σ_d from the pairs whose transition distance is known twice. ``share``: c from
-    decided pairs on the same side of the transition. What the intervals of the angles account for
-    is not taken out of c, which is on the safe side. Raises DldsimError for pairs whose numerics
+    ``distance``: σ_d from the pairs whose transition distance is known twice, by the side on which
+    they are at the campaign's numerics. ``share``: c from decided pairs on the same side of the
+    transition. What the intervals of the angles account for is not taken out of c, which is on the
+    safe side. Raises DldsimError for pairs whose numerics
     differ, without pairs, and for a reference on no finer lattice, whose error would be none.
     """
     made_with = {row["numerics"] for row, _ in pairs}
     if len(made_with) != 1:
         raise DldsimError(f"σ_num: {len(pairs)} pairs with {len(made_with)} different numerics; "
                           "allowed: pairs of one campaign, at least one. Check reference.pairs.")
-    distances, shares, ratios = [], [], []
+    distances: dict[str, list[float]] = {side: [] for side in SIDES}
+    shares, ratios = [], []
     for row, reference in pairs:
         known = row["transition_distance"], reference["transition_distance"]
         if None not in known:
-            distances.append(known[0] - known[1])
+            distances[_side(row)].append(known[0] - known[1])
         error = error_of(row, reference)
         decided = row["status"] == reference["status"] == DECIDED
         if error is not None and decided and _bumps(row) == _bumps(reference):
@@ -111,7 +116,7 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
         "kind": KIND,
         "dldsim_version": __version__,
         "physics_version": PHYSICS_VERSION,
-        "distance": spread(distances),
+        "distance": {side: spread(errors) for side, errors in distances.items()},
         "share": spread(shares),
         "numerics": json.loads(*made_with),
         "spacing_ratio": [min(ratios), max(ratios)] if ratios else None,
@@ -125,6 +130,10 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
 
 def _bumps(row: Row) -> bool:
     return row["mode"] == BUMP
+
+
+def _side(row: Row) -> str:
+    return SIDES[0] if _bumps(row) else SIDES[1]
 
 
 def error_of(row: Row, reference: Row) -> float | None:
@@ -155,9 +164,10 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
                       f"{model['physics_version']}, this is {PHYSICS_VERSION}")
     if other := _differing(model["numerics"], json.loads(row["numerics"])):
         return None, f"{NOT_STUDIED}: {', '.join(other)}"
-    sigma_distance, share = model["distance"]["value"], model["share"]["value"]
+    studied, share = model["distance"][_side(row)], model["share"]["value"]
+    sigma_distance = studied["value"]
     if not sigma_distance or share is None:
-        return None, f"{NOT_STUDIED}: the study has too few pairs"
+        return None, f"{NOT_STUDIED}: the study has too few pairs with {_side(row)}"
     distance = row["transition_distance"]
     if distance is None:
         chance, step, why = 0.5, bump, f"{SPANS}, its distance from the transition is unknown"
@@ -170,7 +180,7 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
         step = angle if _bumps(row) else bump - angle
         open_mode = f"{SPANS}, " if chance >= OPEN_FROM else ""
         why = (f"{open_mode}{abs(distance) / sigma_distance:.1f} σ from the transition, "
-               f"{model['distance']['pairs']} studied pairs")
+               f"{studied['pairs']} studied pairs with {_side(row)}")
     sigma = math.sqrt(interval**2 + (share * bump) ** 2 + step_variance(chance) * step**2)
     beyond = _differing(model["conditions"], row) + [
         f"{key} = {row[key]:g} (studied {low:g} to {high:g})"

@@ -45,7 +45,8 @@ def model(**changes):
     """Of σ_d = 0.1 and c = 0.02."""
     return {
         "kind": uncertainty.KIND, "physics_version": PHYSICS_VERSION,
-        "distance": {"pairs": 20, "value": SIGMA_D}, "share": {"pairs": 18, "value": SHARE},
+        "distance": dict.fromkeys(uncertainty.SIDES, {"pairs": 20, "value": SIGMA_D}),
+        "share": {"pairs": 18, "value": SHARE},
         "numerics": json.loads(NUMERICS),
         "conditions": {"cell_shape": "biconcave", "cell_radius_um": 7.5},
         "ranges": {"pillar_radius_um": [5.0, 9.0], "gap_um": [12.0, 20.0], "periodicity": [4, 12]},
@@ -126,7 +127,7 @@ def test_one_pair_has_students_factor_of_one_degree_of_freedom():
 
 
 def test_the_fit_separates_distance_and_share():
-    """σ_d from all pairs whose distance is known, c from those on one side of the transition."""
+    """σ_d from all pairs whose distance is known, by side, c from those that stay on a side."""
     finer = {"spacing_um": 0.6}
     pairs = [
         (outcome(BUMP, 0.30), outcome(BUMP - 0.2, 0.25, **finer)),
@@ -137,9 +138,11 @@ def test_the_fit_separates_distance_and_share():
         (outcome(None, None), outcome(BUMP, None, **finer)),  # nothing
     ]
     fitted = fit_model(pairs)
-    distances, shares = [0.05, 0.15, 0.15, 0.0], [0.2 / BUMP, 0.2 / BUMP, 0.0]
-    for name, errors in (("distance", distances), ("share", shares)):
-        found = fitted[name]
+    sides = fitted["distance"]
+    for found, errors in (
+        (sides["bump lane"], [0.05, 0.15]), (sides["no bump lane"], [0.15, 0.0]),
+        (fitted["share"], [0.2 / BUMP, 0.2 / BUMP, 0.0]),
+    ):  # fmt: skip
         assert found["pairs"] == len(errors)
         assert found["rms"] == pytest.approx(math.sqrt(np.mean(np.square(errors))))
         assert found["value"] == pytest.approx(
@@ -185,13 +188,15 @@ def test_a_synthetic_ensemble_is_covered(seed):
     distance three times as wrong, it does not."""
     pairs = ensemble(seed)
     fitted = fit_model(pairs[::2])
-    assert fitted["distance"]["rms"] == pytest.approx(0.1, rel=0.2)
+    for side in uncertainty.SIDES:
+        assert fitted["distance"][side]["rms"] == pytest.approx(0.1, rel=0.2)
     flipped = sum((row["mode"] == "bump") != (ref["mode"] == "bump") for row, ref in pairs[1::2])
     seen = coverage(check_row(*pair, fitted) for pair in pairs[1::2])
     assert flipped > 5 and seen["pairs"] == 200 and seen["holds"]
     assert seen["within_2_sigma"] >= 0.9 * seen["pairs"]
     assert seen["within_2_sigma"] > seen["within_1_sigma"]
-    blind = fitted | {"distance": {"pairs": 1, "value": 1e-6}}  # takes every mode for certain
+    certain = dict.fromkeys(uncertainty.SIDES, {"pairs": 1, "value": 1e-6})
+    blind = fitted | {"distance": certain}  # takes every mode for certain
     missed = coverage(check_row(*pair, blind) for pair in pairs[1::2])
     assert missed["within_2_sigma"] <= seen["within_2_sigma"] - flipped / 2
 
