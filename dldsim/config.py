@@ -154,6 +154,7 @@ class RunControl(Section):
     """Where runs begin, when they record and when they stop."""
 
     max_rows: int = Field(50, ge=2, description="most rows that a cell is followed from a release")
+    min_rows: int = Field(0, ge=0, description="fewest rows, also of a motion that has settled")
     orbit_tolerance: float = Field(
         0.03, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
     )

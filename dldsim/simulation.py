@@ -210,7 +210,8 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
         if path.rows > len(lateral) - 1:
             lateral = path.crossings()
             result = analyse_path(lateral, array.pitch, geometry.periodicity, control)
-            if result.status in SETTLED or path.rows >= control.max_rows:
+            settled = result.status in SETTLED and path.rows >= control.min_rows
+            if settled or path.rows >= control.max_rows:
                 status, reason = result.status, result.reason
         if path.idle(scene.steps, patience):
             status = "stuck"

@@ -17,9 +17,7 @@ Row = Mapping[str, Any]
 SHARE = 0.05
 """Share of a campaign's outcomes that is checked, and share of those that may change."""
 ROWS = 200
-"""Rows that a cell is followed from each release."""
-NEVER = 1e-9
-"""An orbit tolerance that no motion meets: the run goes on to its last row."""
+"""Rows that a cell is followed from each release, whether it has settled or not."""
 FINER = 0.5
 """Factor on spacing and numerical Reynolds number."""
 COST = 64.0
@@ -49,7 +47,7 @@ def check_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
         "numerics": numerics | {key: FINER * numerics[key]
                                 for key in ("spacing_um", "reynolds_max")},
         "run_control": control | {
-            "max_rows": ROWS, "outcome_rows_max": ROWS * len(places), "orbit_tolerance": NEVER,
+            "max_rows": ROWS, "min_rows": ROWS, "outcome_rows_max": ROWS * len(places),
             "release_gap_fractions": places,
         },
     }  # fmt: skip

@@ -42,7 +42,8 @@ def test_the_check_is_finer_and_longer():
     assert found["numerics"] == {"spacing_um": 0.625, "reynolds_max": 0.075, "kernel": "compact"}
     control = found["run_control"]
     assert control["release_gap_fractions"] == [0.35, 0.65]
-    assert (control["max_rows"], control["outcome_rows_max"]) == (200, 400)
+    rows = [control[key] for key in ("min_rows", "max_rows", "outcome_rows_max")]
+    assert rows == [200, 200, 400] and control["orbit_tolerance"] == 0.03
     assert control["records_per_row"] == 20
 
 
