@@ -560,6 +560,8 @@ def left_out(
     """What this scene does without, and what that saves."""
     lattice = array.lattice
     items = [f"solid nodes ({1 - lattice.nodes / lattice.cells:.0%} of the box)"]
+    if lattice.half:
+        items.append("half of the height (mirror plane)")
     if numerics.rows < geometry.periodicity:
         items.append(
             f"{geometry.periodicity - numerics.rows} of {geometry.periodicity} rows "

@@ -11,7 +11,7 @@ FLOORS = [
     {"errors", "_numba"},
     {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "uncertainty",
      "accuracy", "spot_check"},
-    {"lattice", "geometry", "membrane", "finite_element", "coupling"},
+    {"lattice", "geometry", "membrane", "finite_element", "coupling", "mirror"},
     {"flow", "cellflow", "reference_study"},
     {"stability"},
     {"simulation", "constriction"},
