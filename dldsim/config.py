@@ -558,6 +558,7 @@ class Reference(Section):
     releases: list[Fraction] = Field(
         [0.2, 0.5, 0.8], min_length=1, description="places of release, as shares of the gap"
     )
+    rows: int = Field(100, ge=2, description="most rows that a cell is followed from a release")
     critical_gaps: list[CriticalGap] = Field([], description="transitions that are searched")
     critical_diameters: CriticalDiameter = CriticalDiameter()
     spacings_um: list[Annotated[float, Field(gt=0)]] = Field(

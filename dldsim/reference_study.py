@@ -54,9 +54,12 @@ def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
     At the campaign's numerics the cell is released and followed as in the campaign.
     """
     geometry, stiffness_set = parse_outcome(run)
-    common = _common(config)
+    study, common = config.reference, _common(config)
     if name == CAMPAIGN:
         common["run_control"] = config.run_control.model_dump(mode="json")
+    else:
+        common["run_control"] |= {"max_rows": study.rows,
+                                  "outcome_rows_max": study.rows * len(study.releases)}
     return {
         "geometry": geometry.model_dump(mode="json"),
         "stiffness_set": stiffness_set,
@@ -209,12 +212,14 @@ BUMPS, DOES_NOT, UNKNOWN = 1, -1, 0
 
 
 def side_of(outcome: Row) -> int:
-    """Side of the transition: by the mode of a decided outcome, else by the transition distance."""
-    if outcome["status"] == DECIDED:
-        return BUMPS if outcome["mode"] == BUMP else DOES_NOT
-    if outcome["transition_distance"] is None:
+    """Side of the transition: by the mode of a decided outcome, else by the transition distance,
+    else by the mode so far."""
+    distance, mode = outcome["transition_distance"], outcome["mode"]
+    if mode == "none":
         return UNKNOWN
-    return BUMPS if outcome["transition_distance"] > 0 else DOES_NOT
+    if outcome["status"] == DECIDED or distance is None:
+        return BUMPS if mode == BUMP else DOES_NOT
+    return BUMPS if distance > 0 else DOES_NOT
 
 
 def ends(points: Sequence[Row]) -> tuple[Row | None, Row | None]:
@@ -385,7 +390,10 @@ def _note(points: Sequence[Row], low: Row | None, high: Row | None) -> str:
         gaps = ", ".join(f"{p['gap_um']:g}" for p in points)
         return f"the bracket holds no transition: {'none' if low is None else 'all'} of the " \
                f"gaps {gaps} µm bump"
-    return "" if closed(low, high) else f"bracket not closed after {len(points)} points"
+    remarks = [] if closed(low, high) else [f"bracket not closed after {len(points)} points"]
+    if unsettled := sum(p["status"] != DECIDED for p in points):
+        remarks.append(f"{unsettled} of {len(points)} outcomes are not decided")
+    return "; ".join(remarks)
 
 
 # ------------------------------------------------------------------------------------ convergence

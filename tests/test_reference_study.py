@@ -91,7 +91,9 @@ def test_a_pair_differs_in_what_the_reference_names(config):
     own, finer = (study.pair_settings(run, name, config) for name in (CAMPAIGN, study.REFERENCE))
     assert own["run_control"] == config.run_control.model_dump(mode="json")
     changed = {"spacing_um": 0.6, "reynolds_max": 0.1}
-    control = own["run_control"] | {"release_gap_fractions": config.reference.releases}
+    places, rows = config.reference.releases, config.reference.rows
+    control = own["run_control"] | {"release_gap_fractions": places, "max_rows": rows,
+                                    "outcome_rows_max": rows * len(places)}
     assert finer == own | {"numerics": own["numerics"] | changed, "run_control": control}
 
 
@@ -225,7 +227,8 @@ def outcome(distance=None, mode="none", status="decided"):
     ("row", "side"),
     [(outcome(0.1, "mixed"), -1), (outcome(None, "bump"), 1), (outcome(-0.1, "zigzag"), -1),
      (outcome(0.1, "mixed", "undecided"), 1), (outcome(-0.1, "bump", "coexisting"), -1),
-     (outcome(None, "bump", "undecided"), 0), (outcome(None, "none", "stuck"), 0)],
+     (outcome(None, "bump", "undecided"), 1), (outcome(None, "mixed", "undecided"), -1),
+     (outcome(None, "none", "stuck"), 0), (outcome(0.1, "none", "undecided"), 0)],
 )
 def test_the_side_is_told_by_the_mode_once_decided_else_by_the_distance(row, side):
     assert study.side_of(row) == side
@@ -261,6 +264,15 @@ def test_a_distance_at_odds_with_its_side_is_not_interpolated():
     low, high = point(17.0, -0.01, 1), point(17.1, -0.2)
     assert study._root(low, high) == pytest.approx(17.05)
     assert study.start_from([point(17.0, -0.3, 1), high]).slope is None
+
+
+def test_outcomes_that_are_not_decided_are_counted(config):
+    def simulate(array, _):
+        return outcome(0.1 * (17.43 - array.gap_um), "mixed", "undecided")
+
+    points, row = found(simulate, config=config)
+    assert row["critical_gap_um"] == pytest.approx(17.43)
+    assert row["note"] == f"{len(points)} of {len(points)} outcomes are not decided"
 
 
 def test_a_search_that_breaks_says_where(config):
