@@ -191,7 +191,7 @@ class RunControl(Section):
         "above the lower pillar of its gap / P_g; 0.5 is the source's",
     )
     outcome_rows_max: int = Field(
-        150, ge=2, description="most rows over all releases of an outcome; then it is undecided"
+        100, ge=2, description="most rows over all releases of an outcome; then it is undecided"
     )
 
     @field_validator("release_gap_fractions")
