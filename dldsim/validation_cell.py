@@ -192,11 +192,10 @@ GAP_UM = 20.0
 SPHERE_FLOW = Flow(mean_velocity_mm_s=1.0, viscosity_mPa_s=1.0, height_um=GAP_UM)
 TRANSITIONS = (5, 25), (5, 40), (10, 40), (10, 60), (16, 48)
 """Periodicity and nodes per pitch, coarse before fine: radii of three and a half to seven nodes."""
-SPHERE_CA = 0.005
-"""μU/k_s, with k_α = k_s and k_ag = 20 k_s. Half of it is within the bound of the time step for a
-sphere at rest, and diverged in one that is pressed against a pillar."""
-SPHERE_VELOCITY = 0.00625
-"""Mean velocity in lattice units, half the campaign's; the forces that deform go with it."""
+SPHERE_CA = 0.01
+"""μU/k_s, with k_α = k_s and k_ag = 20 k_s. At 0.005 and 0.015 the critical diameter is the same."""
+SPHERE_VELOCITY = 0.003
+"""Mean velocity in lattice units, within the bound of the time step for these stiff membranes."""
 SPHERE_CONTACT = 0.4
 """Reach of the contact in nodes, as in the campaign."""
 FIRST_STEP, LAST_STEP = 0.06, 0.02
@@ -341,7 +340,7 @@ def sphere_passage(flow: EmptyFlow, diameter: float) -> Passage:
                 f"pitch, step {scene.steps}: {trouble}."
             )
         path.add(sample)
-        a, b, _ = inertia_ellipse(scene.body.x[:, [0, 2, 1]], scene.membrane.faces)
+        a, b, _ = inertia_ellipse(scene.positions()[:, [0, 2, 1]], scene.surface[0].faces)
         deformation = max(deformation, (a - b) / (a + b))
         if path.rows == rows:
             continue

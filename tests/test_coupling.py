@@ -163,8 +163,9 @@ def make_cell(
     coupling="no-slip", precision="float64", shape="sphere", radius_um=5.0, axis="y",
     box=(20, 20, 20), walls=False, place=None, **numerics,
 ):  # fmt: skip
-    """A cell of the default numerics in a box without drive: 4 nodes in radius by default."""
-    numerics = Numerics(coupling=coupling, precision=precision, **numerics)
+    """A cell in a box without drive: 4 nodes in radius, a step that needs no shortening."""
+    numerics = {"coupling": coupling, "precision": precision, "relaxation_time": 1.25} | numerics
+    numerics = Numerics(**numerics)
     lattice = make_lattice(np.zeros(box[:2], bool), box[2], walls=walls, dtype=np.dtype(precision))
     scene = CellInFlow(
         Fluid.of(lattice, numerics), Units.of(numerics.spacing_um, Flow(), numerics),
