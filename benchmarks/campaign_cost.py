@@ -1,6 +1,6 @@
 """What a campaign costs on N nodes, from the results of another one.
 
-``python -m benchmarks.campaign_cost results [--preset paper full] [--runs 20000] [--nodes 1 4 16]``
+``python -m benchmarks.campaign_cost results [--preset paper full] [--outcomes 20000] [--nodes 1 4]``
 
 From ``results``: rows that a cell needs per N_p, steps of flows and passages, time of the analysis.
 From the command line, or the defaults as measured (docs/scale.md): speed of the kernels, start of
@@ -20,7 +20,7 @@ import csv
 import json
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dldsim import campaign
@@ -30,7 +30,7 @@ from dldsim.mesh import area, frequency_for_edge, make_shape
 from dldsim.tables import read_rows
 
 CONFIG = Path(__file__).parents[1] / "config.yaml"
-SIMULATIONS = ("empty_flow", "simulate_run", "constrict", "verify")
+SIMULATIONS = ("empty_flow", "simulate_outcome", "constrict", "verify")
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class Work:
     """Processor seconds of the parts of a campaign, and numbers of their jobs."""
 
     geometries: int
-    runs: int
+    outcomes: int
     passages: int
     flow_s: float
-    run_s: float
+    outcome_s: float
     passage_s: float
     analysis_s: float
     verify_s: float
@@ -78,13 +78,15 @@ class Work:
 
     @property
     def core_s(self) -> float:
-        return (self.geometries * self.flow_s + self.runs * self.run_s
+        return (self.geometries * self.flow_s + self.outcomes * self.outcome_s
                 + self.passages * self.passage_s + self.analysis_s + self.verify_s)  # fmt: skip
 
 
 def measured(results: Path) -> dict[str, float]:
     """What the results of a campaign say that carries over to others."""
     runs = read_rows("runs", results / "runs.parquet")
+    outcomes = read_rows("outcomes", results / "outcomes.parquet")
+    verified = read_rows("outcomes", results / "outcomes_verified.parquet")
     flows = read_rows("flows", results / "flows.parquet")
     moved = [r for r in runs if r["rows_completed"]]
     analysis = 0.0
@@ -99,8 +101,9 @@ def measured(results: Path) -> dict[str, float]:
         "run_updates": sum(r["steps"] * r["nodes"] for r in runs) / len(runs),
         "run_vertex_steps": sum(r["steps"] * r["vertices"] for r in runs) / len(runs),
         "flow_updates_per_node": sum(f["steps"] for f in flows) / len(flows),
-        "runs": len(runs),
-        "verifying_runs": len(read_rows("runs", results / "runs_verified.parquet")) - len(runs),
+        "outcomes": len(outcomes),
+        "releases": len(runs) / len(outcomes),
+        "verifying_outcomes": len(verified) - len(outcomes),
         "analysis_s": analysis,
     }
 
@@ -116,10 +119,10 @@ def predict(config: Config, found: dict, speed: Speed, passage_s: float) -> Work
         steps = rows * per_row
         runs += speed.loop_s(steps * nodes, steps * vertices)
     n = len(geometries)
-    run_s = speed.start_s + runs / n
+    outcome_s = speed.start_s + found["releases"] * runs / n
     return Work(
-        n, n * sets, len(campaign.constrictions(config)), speed.start_s + flows / n, run_s,
-        passage_s, found["analysis_s"], found["verifying_runs"] * run_s,
+        n, n * sets, len(campaign.constrictions(config)), speed.start_s + flows / n, outcome_s,
+        passage_s, found["analysis_s"], found["verifying_outcomes"] * outcome_s,
         len(config.design_requests),
     )  # fmt: skip
 
@@ -130,7 +133,7 @@ def on_slurm(work: Work, speed: Speed, nodes: int, cores: int, batch: int, width
     ``batch`` geometries in a Slurm job of ``width`` cores; passages and analysis run beside and
     after.
     """
-    per_geometry = work.flow_s + work.runs / work.geometries * work.run_s
+    per_geometry = work.flow_s + work.outcomes / work.geometries * work.outcome_s
     batches = math.ceil(work.geometries / batch)
     batch_s = speed.slurm_start_s + batch * per_geometry / width
     at_once = max(1, nodes * cores // width)
@@ -138,7 +141,7 @@ def on_slurm(work: Work, speed: Speed, nodes: int, cores: int, batch: int, width
     verify_s = work.verify_s / min(width, work.requests)
     wall = (speed.wait_s + waves * (batch_s + speed.poll_s)
             + speed.wait_s + speed.slurm_start_s + work.analysis_s + verify_s)  # fmt: skip
-    single = (work.geometries + work.runs) * speed.slurm_start_s
+    single = (work.geometries + work.outcomes) * speed.slurm_start_s
     return {
         "nodes": nodes,
         "slurm_jobs": batches + 2,
@@ -157,8 +160,8 @@ def main() -> None:
     )
     parser.add_argument("results", type=Path, help="folder of a finished campaign")
     parser.add_argument("--preset", nargs="*", default=["quick", "paper", "full"])
-    parser.add_argument("--runs", nargs="*", type=int, default=[20_000],
-                        help="campaigns like the last preset with so many runs")  # fmt: skip
+    parser.add_argument("--outcomes", nargs="*", type=int, default=[20_000],
+                        help="campaigns like the last preset with so many outcomes")  # fmt: skip
     parser.add_argument("--nodes", nargs="*", type=int, default=[1, 4, 16])
     parser.add_argument("--cores", type=int, default=32, help="of a node")
     parser.add_argument("--batch", type=int, default=8, help="geometries in a Slurm job")
@@ -178,28 +181,28 @@ def main() -> None:
     works = {name: predict(read_config(CONFIG, {"preset": name}), found, speed, given.passage)
              for name in given.preset}  # fmt: skip
     last = works[given.preset[-1]]
-    for runs in given.runs:
-        geometries = round(last.geometries * runs / last.runs)
-        works[f"{runs:,} runs"] = Work(geometries, runs, last.passages, last.flow_s, last.run_s,
-                                       last.passage_s, last.analysis_s, last.verify_s,
-                                       last.requests)  # fmt: skip
+    for outcomes in given.outcomes:
+        geometries = round(last.geometries * outcomes / last.outcomes)
+        works[f"{outcomes:,} outcomes"] = replace(
+            last, geometries=geometries, outcomes=outcomes)
     rows = [
-        {"campaign": name, "runs": work.runs, "run_s": work.run_s, "core_h": work.core_s / 3600,
-         "slurm": [on_slurm(work, speed, n, given.cores, given.batch, given.width)
+        {"campaign": name, "outcomes": work.outcomes, "outcome_s": work.outcome_s,
+         "core_h": work.core_s / 3600, "slurm": [on_slurm(work, speed, n, given.cores, given.batch, given.width)
                    for n in given.nodes]}
         for name, work in works.items()
     ]  # fmt: skip
     if given.json:
         sys.stdout.write(json.dumps({"measured": found, "campaigns": rows}, indent=1) + "\n")
         return
-    here = speed.start_s + speed.loop_s(found["run_updates"], found["run_vertex_steps"])
+    loop = speed.loop_s(found["run_updates"], found["run_vertex_steps"])
+    here = speed.start_s + found["releases"] * loop
     sys.stdout.write(
-        f"{given.results}: {found['runs']} runs of {here:.1f} s on an idle core, "
-        f"{found['rows_per_period']:.1f} rows per N_p\n"
+        f"{given.results}: {found['outcomes']} outcomes of {here:.1f} s on an idle core, "
+        f"{found['releases']:.2f} releases each, {found['rows_per_period']:.1f} rows per N_p\n"
     )
     for row in rows:
         sys.stdout.write(
-            f"{row['campaign']}: {row['runs']:,} runs of {row['run_s']:.1f} s, "
+            f"{row['campaign']}: {row['outcomes']:,} outcomes of {row['outcome_s']:.1f} s, "
             f"{row['core_h']:.2f} core-hours\n"
         )
         for s in row["slurm"]:

@@ -32,6 +32,7 @@ from dldsim.flow import EmptyFlow, Fluid
 from dldsim.geometry import make_array
 from dldsim.simulation import make_scene
 from dldsim.stability import margins, refinement
+from dldsim.trajectory import SETTLED
 
 SWEEPS = {
     "nodes": [{"rows": rows} for rows in (1, 2, 4, 8)],
@@ -196,7 +197,7 @@ def runs_by_periodicity(path: Path) -> dict[str, list[float]]:
     import pandas as pd
 
     runs = pd.read_parquet(path)
-    runs = runs[runs["status"].isin(["converged", "periodic", "period_limit"])]
+    runs = runs[runs["status"].isin([*SETTLED, "undecided"])]
     runs["updates"] = runs["steps"] * runs["nodes"]
     names = ["rows_completed", "steps", "updates"]
     group = runs.groupby("periodicity")[names].median()

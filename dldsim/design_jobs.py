@@ -351,6 +351,7 @@ def settings_of_outcomes(
     if done.empty:
         raise DldsimError("The table of outcomes has no run that was simulated.")
     first = done.iloc[0]
+    asked = json.loads(first["numerics"])
     velocity = float(first["mean_velocity_mm_s"])
     viscosity = float(first["capillary_number"] * first["ks_uN_per_m"] / velocity)
     drive = flows["drive"].iloc[0] if flows is not None and len(flows) else "no-lateral-flux"
@@ -365,7 +366,7 @@ def settings_of_outcomes(
             mean_velocity_mm_s=velocity, viscosity_mPa_s=round(viscosity, 9),
             height_um=float(first["height_um"]), drive=drive,
         ).model_dump(),
-        "numerics": Numerics(**json.loads(first["numerics"])).model_dump(),
+        "numerics": Numerics(**{key: asked[key] for key in Numerics.model_fields}).model_dump(),
         "stiffness_sets": {str(k): {n: float(v) for n, v in row.items()}
                            for k, row in sets.iterrows()},
     }  # fmt: skip

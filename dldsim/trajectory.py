@@ -161,7 +161,7 @@ def lane_entry(m: np.ndarray, tolerance: float) -> int | None:
     """Row of the first full step since which the path has stayed within one lane's width."""
     z = framed(m)[::-1]
     width = np.maximum.accumulate(z) - np.minimum.accumulate(z)
-    start = len(m) + 1 - np.count_nonzero(width <= LANE_WIDTH)
+    start = len(m) + 1 - int(np.count_nonzero(width <= LANE_WIDTH))
     full = np.flatnonzero(m[start:] >= 1 - tolerance)
     return start + int(full[0]) if len(full) else None
 

@@ -446,7 +446,9 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
 
 def _note(row: Mapping[str, Any]) -> str:
     """What a reader must know of an outcome that is not decided."""
-    return "" if row["status"] == "decided" else f"{row['status']}: {row['stop_reason']}"
+    if row["status"] in uncertainty.OPEN:
+        return f"{row['status']}: {row['stop_reason']}"
+    return "" if row["status"] == "decided" else row["stop_reason"]
 
 
 def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -> pd.DataFrame:

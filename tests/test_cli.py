@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim import cli
+from dldsim import PHYSICS_VERSION, cli
 from dldsim.tables import COLUMNS, describe, read_rows, write_table
 
 ROOT = Path(__file__).parents[1]
@@ -60,7 +60,11 @@ def test_examples_parse(command):
         (["info", "no.parquet"], ["no.parquet", "does not exist"]),
         (["design", "--di1", "0.5"], ["--di2"]),
         (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
-        (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["runs.parquet"]),
+        (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["outcomes.parquet"]),
+        (["run", *ARRAY, "--set", "1", "--outcome-rows-max", "9"], ["has no effect", "--releases"]),
+        (["run", *ARRAY, "--set", "1", "--releases", "--release-gap-fraction", "0.3"],
+         ["--release-gap-fraction 0.3 has no effect with --releases"]),
+        (["run", *ARRAY, "--set", "1", "--releases", "0.5", "1.5"], ["release_gap_fractions"]),
     ],
 )
 def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch):
@@ -101,11 +105,32 @@ def test_run_writes_the_tables_of_the_campaign(capsys, tmp_path):
     assert code == 0
     row, trajectory = (Path(name) for name in summary["files"])
     [stored] = read_rows("runs", row)
-    joined = {"deformation_index", "deformation_index_std"}
-    assert set(summary) == set(stored) - joined | {"files"}
-    assert summary["run_id"] == stored["run_id"] == "r05.0_g20.0_n04_s1"
+    assert set(summary) == set(stored) | {"files", "sigma_num_deg", "sigma_num_basis"}
+    assert summary["run_id"] == stored["run_id"] == "r05.0_g20.0_n04_s1_y0.50"
+    assert stored["outcome_id"] == "r05.0_g20.0_n04_s1"
     assert describe(trajectory)["kind"] == "trajectory"
     assert "Cell" in describe(row)["provenance"]["settings"]
+
+
+def test_run_with_releases_writes_an_outcome(capsys, tmp_path):
+    code, summary, _ = call(
+        capsys, "run", *ARRAY, *COARSE, "--set", 1, "--max-rows", 2, "--releases", 0.5, 0.4,
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    outcome, runs, _ = (Path(name) for name in summary["files"])
+    [stored] = read_rows("outcomes", outcome)
+    assert summary["outcome_id"] == stored["outcome_id"] == "r05.0_g20.0_n04_s1"
+    assert stored["releases"] == 2 and stored["status"] == "undecided"
+    assert [row["release_gap_fraction"] for row in read_rows("runs", runs)] == [0.5, 0.4]
+
+
+def test_anova_refuses_a_table_of_another_physics_version(capsys, tmp_path, monkeypatch):
+    path = tmp_path / "outcomes.parquet"
+    write_table("outcomes", [], path, {})
+    monkeypatch.setattr("dldsim.cli.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    code, _, message = call(capsys, "anova", path)
+    assert code == 2 and f"made by physics version {PHYSICS_VERSION}" in message
 
 
 def test_constrict_answers_with_the_columns_of_constriction_runs(capsys, tmp_path):

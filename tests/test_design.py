@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from test_surrogate import make_runs
+from test_surrogate import make_outcomes
 
 from dldsim import surrogate
 from dldsim.config import DesignRequest, Device, Flow
@@ -194,7 +194,7 @@ def test_unlucky_search_is_an_error_not_a_guess():
 
 def test_real_surrogate_separates_soft_from_stiff():
     """Cells of equal radius and of equal deformation index: both kinds of request."""
-    fitted = surrogate.fit(make_runs(), seed=1)
+    fitted = surrogate.fit(make_outcomes(), seed=1)
     soft = ask(deformation_index_1=0.5, deformation_index_2=0.78, periodicity=(4, 10), trials=40)
     row = found(fitted, soft, seed=1, safety=2.0)[0].iloc[0]
     assert row["inside_training_domain"] and row["angle_1_deg"] > row["angle_2_deg"]

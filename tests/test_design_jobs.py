@@ -4,14 +4,13 @@ import json
 import shutil
 import time
 
-import numpy as np
 import pandas as pd
 import pytest
 from test_cli import call
 from test_design import make_flows
-from test_surrogate import make_runs
+from test_surrogate import make_outcomes
 
-from dldsim import design_jobs, surrogate
+from dldsim import PHYSICS_VERSION, design_jobs, surrogate
 from dldsim.config import DesignRequest, Device, Flow, Numerics, RunControl
 from dldsim.errors import DldsimError
 from dldsim.tables import COLUMNS, read_rows, read_table, write_table
@@ -34,19 +33,17 @@ def filled(kind, frame):
 def campaign(tmp_path_factory):
     """Folder with the tables that a campaign leaves for designs."""
     folder = tmp_path_factory.mktemp("campaign")
-    runs = make_runs()
-    ks = runs["stiffness_set"].map(SETS)
-    numerics = Numerics().model_dump() | {"release_axis": "y", "release_gap_fraction": 0.4}
-    runs = runs.assign(
+    outcomes = make_outcomes()
+    ks = outcomes["stiffness_set"].map(SETS)
+    outcomes = outcomes.assign(
         ks_uN_per_m=ks, kb_pN_um=0.1, kal_uN_per_m=2 * ks, kag_uN_per_m=500.0, kv_Pa=900.0,
         kvisc_nN_s_per_m=1.5, mean_velocity_mm_s=0.5, capillary_number=1.5 * 0.5 / ks,
-        numerics=[json.dumps(numerics | {"velocity_lu": v})
-                  for v in np.where(ks > 20, 0.0125, 0.025)],
+        numerics=json.dumps(Numerics().model_dump()), release_axis="y",
     )  # fmt: skip
     control = RunControl(max_rows=7).model_dump()
-    write_table("runs", filled("runs", runs), folder / "runs.parquet",
+    write_table("outcomes", filled("outcomes", outcomes), folder / "outcomes.parquet",
                 {"config_hash": "x", "seed": 1, "settings": {"run_control": control}})
-    index = runs.groupby("stiffness_set")["deformation_index"].first()
+    index = outcomes.groupby("stiffness_set")["deformation_index"].first()
     calibration = pd.DataFrame([
         {"design": "group-velocity", "group": f"G{name}", "stiffness_set": name,
          "ks_uN_per_m": k, "kb_pN_um": 0.1, "kal_uN_per_m": 2 * k, "velocity_mm_s": 1.0, "runs": 4,
@@ -57,7 +54,8 @@ def campaign(tmp_path_factory):
     write_table("calibration", filled("calibration", calibration),
                 folder / "calibration.parquet", about)
     write_table("flows", filled("flows", make_flows()), folder / "flows.parquet", about)
-    model = surrogate.fit(read_table("runs", folder / "runs.parquet"), 1)
+    write_table("runs", [], folder / "runs.parquet", about)
+    model = surrogate.fit(read_table("outcomes", folder / "outcomes.parquet"), 1)
     model.save(folder / "surrogate.json", folder / "surrogate_card.json")
     return folder
 
@@ -110,7 +108,7 @@ def test_impossible_requests_are_told(capsys, campaign, argv, parts):
 
 @pytest.mark.parametrize(
     ("missing", "parts"),
-    [("runs", ["runs.parquet", "does not exist"]), ("calibration", ["calibration.parquet"]),
+    [("outcomes", ["outcomes.parquet", "does not exist"]), ("calibration", ["calibration.parquet"]),
      ("surrogate_card", ["surrogate_card.json", "does not exist"])],
 )  # fmt: skip
 def test_missing_files_are_told(capsys, campaign, tmp_path, missing, parts):
@@ -122,19 +120,19 @@ def test_missing_files_are_told(capsys, campaign, tmp_path, missing, parts):
 
 def test_a_table_without_its_columns_is_refused(capsys, campaign, tmp_path):
     folder = shutil.copytree(campaign, tmp_path / "copy")
-    shutil.copy(folder / "calibration.parquet", folder / "runs.parquet")
+    shutil.copy(folder / "calibration.parquet", folder / "outcomes.parquet")
     code, _, message = call(capsys, "design", *ASK, "--results", folder)
-    assert code == 2 and "kind calibration, not runs" in message
+    assert code == 2 and "kind calibration, not outcomes" in message
 
 
 def test_a_model_of_other_runs_is_refused(capsys, campaign, tmp_path):
     folder = shutil.copytree(campaign, tmp_path / "copy")
-    runs = read_table("runs", folder / "runs.parquet")
-    runs.loc[3, "migration_angle_deg"] += 0.5
-    write_table("runs", runs, folder / "runs.parquet",
+    outcomes = read_table("outcomes", folder / "outcomes.parquet")
+    outcomes.loc[3, "migration_angle_deg"] += 0.5
+    write_table("outcomes", outcomes, folder / "outcomes.parquet",
                 {"config_hash": "x", "seed": 1, "settings": {}})
     code, _, message = call(capsys, "design", *ASK, "--results", folder)
-    assert code == 2 and "learnt from other runs" in message
+    assert code == 2 and "learnt from other outcomes" in message
 
 
 def test_without_flows_there_is_no_pressure_drop(capsys, campaign, tmp_path):
@@ -149,6 +147,16 @@ def test_without_flows_there_is_no_pressure_drop(capsys, campaign, tmp_path):
 def test_without_a_campaign_the_remedy_is_told(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr("dldsim.design_jobs.CAMPAIGN_DATA", tmp_path / "none")
     code, _, message = call(capsys, "design", *ASK)
+    assert code == 2 and "--results" in message
+
+
+def test_a_campaign_of_another_physics_version_gives_no_answer(capsys, campaign, monkeypatch):
+    monkeypatch.setattr("dldsim.design_jobs.CAMPAIGN_DATA", campaign)
+    assert call(capsys, "design", *ASK)[0] == 0
+    monkeypatch.setattr("dldsim.design_jobs.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    code, _, message = call(capsys, "design", *ASK)
+    assert code == 2 and f"is of physics version {PHYSICS_VERSION}, this is" in message
+    code, _, message = call(capsys, "stiffness", "--di", 0.6)
     assert code == 2 and "--results" in message
 
 
@@ -168,8 +176,7 @@ def test_settings_are_those_of_the_runs(campaign):
     known = design_jobs.read_campaign(campaign, Device(), 2.0)
     assert Flow(**known.settings["flow"]) == Flow()
     assert known.settings["flow"]["viscosity_mPa_s"] == 1.5
-    assert Numerics(**known.settings["numerics"]) == Numerics()  # the longest time step
-    assert known.settings["cell"]["release_gap_fraction"] == 0.4
+    assert Numerics(**known.settings["numerics"]) == Numerics()
     assert known.settings["run_control"]["max_rows"] == 7
     assert known.settings["stiffness_sets"]["3"]["ks_uN_per_m"] == 20.3
     scene = design_jobs.scene_of(known.settings)
@@ -177,10 +184,10 @@ def test_settings_are_those_of_the_runs(campaign):
 
 
 def test_runs_of_several_channels_are_refused(campaign):
-    runs = read_table("runs", campaign / "runs.parquet")
-    runs.loc[0, "height_um"] = 30.0
+    outcomes = read_table("outcomes", campaign / "outcomes.parquet")
+    outcomes.loc[0, "height_um"] = 30.0
     with pytest.raises(DldsimError, match="mixes several values of height_um"):
-        design_jobs.settings_of_runs(runs)
+        design_jobs.settings_of_outcomes(outcomes)
 
 
 def test_spread_of_a_set_is_the_calibrations(campaign):

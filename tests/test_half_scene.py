@@ -26,9 +26,9 @@ from dldsim.lattice import MIRRORED, VELOCITIES, collision_parameters, make_latt
 from dldsim.membrane import Moduli, elastic_forces, make_membrane, make_scratch, measure_faces
 from dldsim.mesh import make_shape
 from dldsim.mirror import Mirror, half_of, images, reflect, spread_both
-from dldsim.simulation import make_scene
+from dldsim.simulation import make_scene, simulate_run
 from dldsim.stability import elastic_frequency, margins
-from dldsim.vtk import simulate_with_shapes
+from dldsim.vtk import Recorder
 
 UP = np.array([1.0, 1.0, -1.0])
 SHAPES = ["sphere", "biconcave", "ellipsoid"]
@@ -340,13 +340,14 @@ def test_a_place_off_the_mirror_is_refused(flows):
 
 
 def test_shapes_and_tables_of_a_run_are_those_of_the_whole(flows):
-    results = [
-        simulate_with_shapes(
+    results = []
+    for half, empty in flows.items():
+        recorder = Recorder(5)
+        run = simulate_run(
             GEOMETRY, SET_1, Cell(radius_um=4.0), empty.flow, BOTH[half], RunControl(max_rows=2),
-            run_id="r", stiffness_set="1", empty_flow=empty, every=5,
-        )
-        for half, empty in flows.items()
-    ]  # fmt: skip
+            run_id="r", stiffness_set="1", empty_flow=empty, observe=recorder,
+        )  # fmt: skip
+        results.append((run, recorder.shapes(GEOMETRY, run)))
     (ours, half), (theirs, whole) = results
     assert np.array_equal(half.faces, whole.faces) and np.array_equal(half.step, whole.step)
     # Written in single precision, in µm.

@@ -15,7 +15,7 @@ FLOORS = [
     {"flow", "cellflow", "reference_study"},
     {"stability"},
     {"simulation", "constriction"},
-    {"shear", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
+    {"shear", "drag", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
      "validation_cell", "validation_scenes", "vtk"},
     {"statistics", "calibration", "regressors", "surrogate", "sensitivity", "design", "mask"},
     {"figures", "analysis_figures", "validation_figures", "stability_figures", "accuracy_figures",

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from test_surrogate import make_runs
+from test_surrogate import make_outcomes
 
 from dldsim import sensitivity, surrogate
 from dldsim.regressors import angle_of
@@ -31,8 +31,8 @@ class Law:
 def test_sobol_indices_of_a_sum_by_hand():
     """tan θ = a r + b g: variances a² Δr²/12 and b² Δg²/12, no interaction, nothing else counts."""
     law = Law(lambda r, g, n, d: n * (0.002 * r + 0.001 * g))  # small: tan θ is θ
-    runs = make_runs()
-    table = sensitivity.sobol(law, runs, seed=1).set_index("factor")
+    outcomes = make_outcomes()
+    table = sensitivity.sobol(law, outcomes, seed=1).set_index("factor")
     r, g = (0.002 * 5) ** 2, (0.001 * 8) ** 2
     assert table.loc["pillar_radius_um", "first_order"] == pytest.approx(r / (r + g), abs=0.03)
     assert table.loc["gap_um", "first_order"] == pytest.approx(g / (r + g), abs=0.03)
@@ -44,14 +44,14 @@ def test_sobol_indices_of_a_sum_by_hand():
 
 
 def test_tied_parameters_are_one_factor():
-    runs = make_runs(gaps=(15.0, 17.5, 20.0))
-    runs = runs[runs["gap_um"] == runs["pillar_radius_um"] + 10]
+    outcomes = make_outcomes(gaps=(15.0, 17.5, 20.0))
+    outcomes = outcomes[outcomes["gap_um"] == outcomes["pillar_radius_um"] + 10]
     asked = []
     law = Law(lambda r, g, n, d: asked.append(np.abs(g - r - 10).max()) or 0.01 * g)
-    table = sensitivity.sobol(law, runs, seed=1)
+    table = sensitivity.sobol(law, outcomes, seed=1)
     assert table["factor"].tolist() == ["pillar_radius_um & gap_um", "periodicity",
                                         "deformation_index"]
-    maps = sensitivity.partial_dependence(law, runs)
+    maps = sensitivity.partial_dependence(law, outcomes)
     assert ("pillar_radius_um", "gap_um") not in set(zip(maps["x_name"], maps["y_name"],
                                                          strict=True))
     assert max(asked) < 1e-9
@@ -59,7 +59,7 @@ def test_tied_parameters_are_one_factor():
 
 def test_partial_dependence_averages_over_the_runs():
     law = Law(lambda r, g, n, d: g / 100 + (r == 5) * 0.06 + d)
-    maps = sensitivity.partial_dependence(law, make_runs())
+    maps = sensitivity.partial_dependence(law, make_outcomes())
     here = maps[(maps["x_name"] == "periodicity") & (maps["y_name"] == "gap_um")]
     expected = here["y"] / 100 + 0.02 + np.mean((0.5, 0.65, 0.78))
     assert here["share"].to_numpy() == pytest.approx(expected.to_numpy())
@@ -75,8 +75,8 @@ def test_fabrication_keeps_the_pitch_and_counts_by_hand():
         pitches.append(2 * r + g)
         return np.where(r > 7.6, 1.0, 0.0)
 
-    runs = make_runs(gaps=(20.0, 22.0))
-    table = sensitivity.fabrication(Law(law), runs, [0.1, 0.5], seed=3, moved_deg=0.5)
+    outcomes = make_outcomes(gaps=(20.0, 22.0))
+    table = sensitivity.fabrication(Law(law), outcomes, [0.1, 0.5], seed=3, moved_deg=0.5)
     kept = {round(p, 6) for p in np.concatenate(pitches)}
     assert kept == {2 * r + g for r in (5.0, 7.5, 10.0) for g in (20.0, 22.0)}
     risk = table.groupby(["pillar_radius_um", "radius_error_um"])["mode_change_probability"].mean()
@@ -88,9 +88,10 @@ def test_fabrication_keeps_the_pitch_and_counts_by_hand():
 
 
 def test_all_tables_of_a_fitted_surrogate():
-    runs = make_runs(radii=(5.0, 10.0), indices=(0.5, 0.78)).assign(mode="bump")
+    outcomes = make_outcomes(radii=(5.0, 10.0), indices=(0.5, 0.78)).assign(mode="bump")
     tables = sensitivity.examine(
-        surrogate.fit(runs, seed=1), runs, {"radius_errors_um": [0.5], "moved_deg": 0.5}, seed=1)
+        surrogate.fit(outcomes, seed=1), outcomes,
+        {"radius_errors_um": [0.5], "moved_deg": 0.5}, seed=1)
     assert tables["sobol"].set_index("factor")["first_order"].idxmax() in ("gap_um", "periodicity")
     assert tables["sobol"]["inside_share"].iloc[0] == 1
     assert tables["fabrication"]["inside_share"].between(0, 1).all()
@@ -102,7 +103,7 @@ def test_all_tables_of_a_fitted_surrogate():
 def test_table_of_anybody_needs_no_radius_and_does_not_depend_on_it():
     needed = ["pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "deformation_index",
               "migration_angle_deg"]
-    frame = make_runs(radii=(5.0, 10.0), indices=(0.5, 0.78))[needed]
+    frame = make_outcomes(radii=(5.0, 10.0), indices=(0.5, 0.78))[needed]
     plain = sensitivity.sobol_of_table(frame, seed=2)
     other = sensitivity.sobol_of_table(frame.assign(cell_radius_um=3.0), seed=2)
     pd.testing.assert_frame_equal(plain, other, rtol=1e-2, atol=1e-2)

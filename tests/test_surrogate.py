@@ -18,14 +18,14 @@ def bump_or_zigzag(r, g, n, d):
     return np.degrees(np.arctan(1 / n)) / (1 + np.exp(-excess / 0.8))
 
 
-def make_runs(angle=bump_or_zigzag, radii=(5.0, 7.5, 10.0), gaps=(14.0, 18.0, 22.0),
+def make_outcomes(angle=bump_or_zigzag, radii=(5.0, 7.5, 10.0), gaps=(14.0, 18.0, 22.0),
               rows=(4, 6, 10), indices=(0.5, 0.65, 0.78)):
     return pd.DataFrame(
         [
-            {"run_id": f"r{r:04.1f}_g{g:04.1f}_n{n:02d}_s{s}", "pillar_radius_um": r, "gap_um": g,
-             "periodicity": n, "stiffness_set": str(s), "deformation_index": d,
+            {"outcome_id": f"r{r:04.1f}_g{g:04.1f}_n{n:02d}_s{s}", "pillar_radius_um": r,
+             "gap_um": g, "periodicity": n, "stiffness_set": str(s), "deformation_index": d,
              "cell_radius_um": 7.5, "cell_shape": "biconcave", "height_um": 20.0,
-             "migration_angle_deg": angle(r, g, n, d), "status": "converged"}
+             "migration_angle_deg": angle(r, g, n, d), "status": "decided"}
             for r, g, n, (s, d) in product(radii, gaps, rows, enumerate(indices, 1))
         ]
     )
@@ -33,13 +33,13 @@ def make_runs(angle=bump_or_zigzag, radii=(5.0, 7.5, 10.0), gaps=(14.0, 18.0, 22
 
 @pytest.fixture(scope="module")
 def fitted():
-    return surrogate.fit(make_runs(), seed=3)
+    return surrogate.fit(make_outcomes(), seed=3)
 
 
 @pytest.fixture(scope="module")
 def benchmarked():
     fast = [SURROGATE, CURVE, "XGBoost", "linear", BASELINE]
-    return regressors.benchmark(make_runs(), seed=3, names=fast)
+    return regressors.benchmark(make_outcomes(), seed=3, names=fast)
 
 
 def test_features_by_hand():
@@ -60,7 +60,7 @@ def test_only_ratios_of_lengths_matter(fitted):
 
 def test_every_row_is_held_out_once_a_repeat(benchmarked):
     _, predictions = benchmarked
-    counts = predictions.groupby(["split", "model", "run_id"]).size().groupby("split")
+    counts = predictions.groupby(["split", "model", "outcome_id"]).size().groupby("split")
     assert counts.size().to_dict() == dict.fromkeys(regressors.SPLITS, 5 * 81)
     assert counts.agg(["min", "max"]).T.to_dict() == {
         "random": {"min": REPEATS, "max": REPEATS}, "geometry": {"min": REPEATS, "max": REPEATS},
@@ -69,15 +69,15 @@ def test_every_row_is_held_out_once_a_repeat(benchmarked):
 
 def test_split_by_stiffness_keeps_sets_whole(benchmarked):
     one = benchmarked[1].query("model == 'linear' and split == 'stiffness'")
-    assert (one.groupby("fold")["run_id"].agg(lambda r: r.str[-2:].nunique()) == 1).all()
-    alone = regressors.benchmark(make_runs(indices=(0.5,)), seed=3, names=["linear"])[0]
+    assert (one.groupby("fold")["outcome_id"].agg(lambda r: r.str[-2:].nunique()) == 1).all()
+    alone = regressors.benchmark(make_outcomes(indices=(0.5,)), seed=3, names=["linear"])[0]
     assert set(alone["split"]) == {"random", "geometry"}
 
 
 def test_split_by_geometry_keeps_arrays_whole(benchmarked):
     scores, predictions = benchmarked
     one = predictions[(predictions["model"] == "linear")].assign(
-        geometry=lambda t: t["run_id"].str.rsplit("_s").str[0])
+        geometry=lambda t: t["outcome_id"].str.rsplit("_s").str[0])
     together = one.groupby(["split", "geometry"])["fold"].nunique()
     assert (together["geometry"] == REPEATS).all()
     assert together["random"].max() > REPEATS
@@ -102,8 +102,8 @@ def test_learners_beat_the_rule_that_learns_nothing(benchmarked):
 
 
 def test_every_regressor_learns():
-    runs = make_runs(radii=(5.0, 10.0), gaps=(14.0, 22.0), indices=(0.5,))
-    x, y = regressors.inputs_and_angles(runs)
+    outcomes = make_outcomes(radii=(5.0, 10.0), gaps=(14.0, 22.0), indices=(0.5,))
+    x, y = regressors.inputs_and_angles(outcomes)
     for name, (prototype, grid) in regressors.make_regressors(1).items():
         for settings in grid:
             error = prototype.set_params(**settings).fit(x, y).predict(x) - y
@@ -112,9 +112,9 @@ def test_every_regressor_learns():
 
 def test_nested_search_never_sees_the_test_rows():
     """Angles of the held-out rows are not passed on: changing them changes no prediction."""
-    runs = make_runs()
-    x, y = regressors.inputs_and_angles(runs)
-    groups = regressors.groups_of(runs, "geometry")
+    outcomes = make_outcomes()
+    x, y = regressors.inputs_and_angles(outcomes)
+    groups = regressors.groups_of(outcomes, "geometry")
     train, test = next(regressors.folds_of(groups, 5, 1))
     assert not set(groups[train]) & set(groups[test])
     prototype, grid = regressors.make_regressors(1)["XGBoost"]
@@ -128,11 +128,11 @@ def test_random_split_flatters_what_only_remembers():
     draw = np.random.default_rng(0)
     angle = {key: draw.normal() for key in product((5.0, 7.5, 10.0), (14.0, 18.0, 22.0),
                                                    (4, 6, 10))}
-    runs = make_runs(lambda r, g, n, d: angle[r, g, n])
+    outcomes = make_outcomes(lambda r, g, n, d: angle[r, g, n])
     forest = {"forest": regressors.make_regressors(1)["random forest"]}
     error = {
         split: np.mean([fold["rmse_deg"] for fold in
-                        regressors.cross_validate(runs, forest, split, 1)[0]])
+                        regressors.cross_validate(outcomes, forest, split, 1)[0]])
         for split in ("random", "geometry")
     }
     assert 2 * error["random"] < error["geometry"]
@@ -155,8 +155,8 @@ def test_curve_recovers_a_known_transition():
     made = regressors.TwoLimitCurve()
     made.coefficients = np.array([-0.5, 6.0, -0.1, 0.5, 0.3, 0.2])
     made.centre = np.array([0.5, 13.0, 2.0, -0.1, -0.05])
-    runs = make_runs()
-    x, _ = regressors.inputs_and_angles(runs)
+    outcomes = make_outcomes()
+    x, _ = regressors.inputs_and_angles(outcomes)
     truth = made.predict(x)
     found = regressors.TwoLimitCurve(penalty=1e-6).fit(x, truth)
     assert found.predict(x) == pytest.approx(truth, abs=0.02)
@@ -176,7 +176,7 @@ def test_both_limits_hold_whatever_the_input(fitted):
 
 
 def test_surrogate_recovers_the_transition(fitted):
-    """Arrays between those learnt from, against the law that made the runs."""
+    """Arrays between those learnt from, against the law that made the outcomes."""
     rng = np.random.default_rng(9)
     r, g, n = rng.uniform(5, 10, 200), rng.uniform(14, 22, 200), rng.integers(4, 11, 200)
     d = rng.uniform(0.5, 0.78, 200)
@@ -245,7 +245,7 @@ def test_saved_model_predicts_the_same(fitted, tmp_path):
     model, card = tmp_path / "m.json", tmp_path / "c.json"
     fitted.save(model, card)
     back = surrogate.load(model, card)
-    at = make_runs()[INPUTS].T.to_numpy()
+    at = make_outcomes()[INPUTS].T.to_numpy()
     assert np.array_equal(fitted.predict(*at), back.predict(*at))
     back.save(tmp_path / "m2.json", tmp_path / "c2.json")
     assert (tmp_path / "m2.json").read_bytes() == model.read_bytes()
@@ -261,11 +261,11 @@ def test_card_says_what_the_model_is(fitted):
     assert 0 < fitted.rmse_deg < card["baseline_by_geometry"]["rmse_deg"]
     assert card["features"] == FEATURES and card["seed"] == 3
     assert {"dldsim", "physics", "xgboost"} <= set(card["versions"])
-    runs = make_runs()
-    runs.loc[0, "migration_angle_deg"] += 1e-6
-    runs.loc[1, "status"] = "period_limit"
-    other = surrogate.fit(runs, seed=3).card["data"]
-    assert other["sha256"] != card["data"]["sha256"] and other["not_converged"] == 1
+    outcomes = make_outcomes()
+    outcomes.loc[0, "migration_angle_deg"] += 1e-6
+    outcomes.loc[1, "status"] = "undecided"
+    other = surrogate.fit(outcomes, seed=3).card["data"]
+    assert other["sha256"] != card["data"]["sha256"] and other["undecided"] == 1
 
 
 def edit(change):
@@ -308,21 +308,21 @@ def test_domain_is_the_hull_of_the_training_geometries(fitted):
 
 
 def test_domain_of_tied_gap_and_radius_is_not_a_box():
-    runs = make_runs(gaps=(15.0, 17.5, 20.0))
-    runs = runs[runs["gap_um"] == runs["pillar_radius_um"] + 10]
-    tied = surrogate.fit(runs, seed=1)
+    outcomes = make_outcomes(gaps=(15.0, 17.5, 20.0))
+    outcomes = outcomes[outcomes["gap_um"] == outcomes["pillar_radius_um"] + 10]
+    tied = surrogate.fit(outcomes, seed=1)
     assert tied.distance_outside(6, 16, 5, 7.5) == pytest.approx(0, abs=1e-9)
     assert tied.distance_outside(5.5, 19.5, 5, 7.5) > 0.3
-    fixed = surrogate.fit(make_runs(gaps=(18.0,)), seed=1)
+    fixed = surrogate.fit(make_outcomes(gaps=(18.0,)), seed=1)
     assert fixed.distance_outside(6, 19, 5, 7.5) == np.inf
     assert fixed.distance_outside(6, 18, 5, 7.5) == pytest.approx(0, abs=1e-9)
 
 
 def test_unusable_runs_are_left_out():
-    runs = make_runs()
-    runs.loc[:3, "migration_angle_deg"] = np.nan
-    runs.loc[4:5, "deformation_index"] = np.nan
-    assert surrogate.fit(runs, seed=1).card["data"]["used"] == 75
+    outcomes = make_outcomes()
+    outcomes.loc[:3, "migration_angle_deg"] = np.nan
+    outcomes.loc[4:5, "deformation_index"] = np.nan
+    assert surrogate.fit(outcomes, seed=1).card["data"]["used"] == 75
 
 
 @pytest.mark.parametrize(
@@ -332,12 +332,12 @@ def test_unusable_runs_are_left_out():
         (lambda t: t.assign(deformation_index=np.nan), "81 without deformation_index"),
         (lambda t: t.assign(migration_angle_deg=2.0), "different angles"),
         (lambda t: t.assign(height_um=np.arange(81)), "height_um"),
-        (lambda t: t.iloc[:0], "0 of 0 runs"),
+        (lambda t: t.iloc[:0], "0 of 0 outcomes"),
     ],
 )
 def test_unusable_tables_are_refused(spoil, words):
     with pytest.raises(DldsimError, match=words):
-        surrogate.fit(spoil(make_runs()), seed=1)
+        surrogate.fit(spoil(make_outcomes()), seed=1)
 
 
 def test_impossible_inputs_are_refused(fitted):
@@ -348,12 +348,12 @@ def test_impossible_inputs_are_refused(fitted):
 
 
 def test_tiny_table_gives_the_same_numbers_in_any_order(monkeypatch):
-    runs = make_runs(radii=(5.0, 7.5), gaps=(15.0, 20.0), rows=(4, 6), indices=(0.5, 0.78))
+    outcomes = make_outcomes(radii=(5.0, 7.5), gaps=(15.0, 20.0), rows=(4, 6), indices=(0.5, 0.78))
     keys = ["model", "split", "repeat", "fold", "rmse_deg", "r2"]
     monkeypatch.setattr(regressors, "REPEATS", 1)
     names = ["linear", CURVE]
     a, b = (regressors.benchmark(t, seed=1, names=names)[0]
-            for t in (runs, runs.sample(frac=1, random_state=5)))
+            for t in (outcomes, outcomes.sample(frac=1, random_state=5)))
     pd.testing.assert_frame_equal(a[keys], b[keys])
     assert np.isfinite(a["rmse_deg"]).all()
 
@@ -361,9 +361,9 @@ def test_tiny_table_gives_the_same_numbers_in_any_order(monkeypatch):
 def test_learning_curve_holds_arrays_out_and_learns(monkeypatch):
     monkeypatch.setattr(regressors, "CURVE_REPEATS", 3)
     monkeypatch.setattr(regressors, "CURVE_SIZES", 4)
-    curve = regressors.learning_curve(make_runs(), seed=2)
+    curve = regressors.learning_curve(make_outcomes(), seed=2)
     assert set(curve["model"]) == set(regressors.CURVE_MODELS)
-    assert (curve["runs"] == 3 * curve["geometries"]).all() and (curve["n_test"] == 15).all()
+    assert (curve["outcomes"] == 3 * curve["geometries"]).all() and (curve["n_test"] == 15).all()
     assert curve["geometries"].min() == 3 and curve["geometries"].max() == 22
     error = curve.groupby(["model", "geometries"])["rmse_deg"].median()
     assert error["XGBoost", 22] < 0.5 * error["XGBoost", 3]
@@ -371,30 +371,31 @@ def test_learning_curve_holds_arrays_out_and_learns(monkeypatch):
     rule = curve[curve["model"] == BASELINE].groupby("repeat")["rmse_deg"].nunique()
     assert (rule == 1).all()  # the rule learns nothing, and the arrays held out are the same
     assert np.isfinite(curve["rmse_deg"]).all()
-    again = regressors.learning_curve(make_runs().assign(wall_time_s=2.0), seed=2)
+    again = regressors.learning_curve(make_outcomes().assign(wall_time_s=2.0), seed=2)
     assert np.array_equal(curve["rmse_deg"], again["rmse_deg"])
-    assert np.allclose(again["simulation_time_s"], 2.0 * again["runs"])
+    assert np.allclose(again["simulation_time_s"], 2.0 * again["outcomes"])
 
 
 def test_numerical_uncertainty_of_predictions_is_that_of_the_runs():
-    """By mode after the angle; a mode without runs gets the largest share."""
-    runs = make_runs()
-    bump = np.degrees(np.arctan(1 / runs["periodicity"]))
-    share = runs["migration_angle_deg"] / bump
+    """By mode after the angle; a mode without outcomes gets the largest share."""
+    outcomes = make_outcomes()
+    bump = np.degrees(np.arctan(1 / outcomes["periodicity"]))
+    share = outcomes["migration_angle_deg"] / bump
     sigma = np.where(share >= 0.9, 0.01 * bump, np.where(share <= 0.1, 0.05 * bump, np.nan))
-    made = surrogate.fit(runs.assign(sigma_num_deg=sigma, sigma_num_basis="modelled: x"), seed=1)
+    known = outcomes.assign(sigma_num_deg=sigma, sigma_num_basis="modelled: x")
+    made = surrogate.fit(known, seed=1)
     angle = np.degrees(np.arctan(1 / 4))
     found = made.sigma_num_deg([0.0, 0.5 * angle, angle], [4, 4, 4])
     assert found == pytest.approx([0.05 * angle, 0.05 * angle, 0.01 * angle])
     assert made.card["numerical_uncertainty"]["basis"] == ["modelled"]
-    assert surrogate.fit(runs, seed=1).sigma_num_deg([0.0], [4]) is None
+    assert surrogate.fit(outcomes, seed=1).sigma_num_deg([0.0], [4]) is None
 
 
 def test_quick_look_at_the_domain_never_refuses_what_is_inside(fitted):
     """Against the exact distance, for a box and for the plane gap = radius + 10 µm."""
     rng = np.random.default_rng(5)
     r, g, n = rng.uniform(4, 12, 60), rng.uniform(13, 23, 60), rng.integers(4, 13, 60)
-    plane = make_runs(gaps=(15.0, 17.5, 20.0))
+    plane = make_outcomes(gaps=(15.0, 17.5, 20.0))
     plane = plane[plane["gap_um"] == plane["pillar_radius_um"] + 10]
     for model in (fitted, surrogate.fit(plane, seed=1)):
         g = np.where(np.arange(60) % 2, g, r + 10)

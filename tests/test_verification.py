@@ -9,7 +9,8 @@ import pytest
 from test_design import CHIP, Known, ask
 from test_vtk import SOFT
 
-from dldsim.config import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim import simulation
+from dldsim.config import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.config import Verification as Budget
 from dldsim.errors import DldsimError
 from dldsim.tables import COLUMNS, write_table
@@ -25,8 +26,8 @@ from dldsim.verification import (
     verify,
 )
 
-RUNS = pd.DataFrame({
-    "run_id": ["r1", "r2"], "pillar_radius_um": [5.0, 9.0], "gap_um": [14.0, 20.0],
+OUTCOMES = pd.DataFrame({
+    "outcome_id": ["r1", "r2"], "pillar_radius_um": [5.0, 9.0], "gap_um": [14.0, 20.0],
     "periodicity": [4, 12], "migration_angle_deg": [1.0, 2.0], "deformation_index": [0.5, 0.8],
 })
 REQUEST = ask(trials=25, startup_trials=10, height_tolerance_um=1.0)
@@ -46,7 +47,7 @@ def flat(r, g, n, d, cell):
 class Nature:
     """Answers as a formula does, and counts the runs."""
 
-    def __init__(self, angle, sigma=0.05, status="periodic"):
+    def __init__(self, angle, sigma=0.05, status="decided"):
         self.angle, self.sigma, self.status, self.asked = angle, sigma, status, []
 
     def __call__(self, geometry, population, height_um):
@@ -56,7 +57,7 @@ class Nature:
         angle += 0.1 * (height_um - 20.0) * population.number
         known = self.status not in ("stuck", "failed")
         return {
-            "run_id": f"run-{len(self.asked)}", **geometry.model_dump(),
+            "outcome_id": f"outcome-{len(self.asked)}", **geometry.model_dump(),
             "migration_angle_deg": angle if known else None,
             "deformation_index": population.deformation_index,
             "sigma_num_deg": self.sigma if known else None,
@@ -67,28 +68,28 @@ class Nature:
 
 def check(surrogate, nature, fit=None, request=REQUEST, chip=CHIP, **budget):
     budget = Budget(**({"height_runs": False, "transition_geometries": 0} | budget))
-    learnt = fit or (lambda runs, seed: surrogate)
-    return verify(surrogate, RUNS, request, chip, budget, PEOPLE, nature, 1, fit=learnt)
+    learnt = fit or (lambda outcomes, seed: surrogate)
+    return verify(surrogate, OUTCOMES, request, chip, budget, PEOPLE, nature, 1, fit=learnt)
 
 
-def differences(outcome):
-    return outcome.verifications[outcome.verifications["population"] == "difference"]
+def differences(verdicts):
+    return verdicts.verifications[verdicts.verifications["population"] == "difference"]
 
 
 def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
-    outcome = check(Known(summit), Nature(summit), designs_per_round=2, rounds=5)
-    table = differences(outcome)
+    verdicts = check(Known(summit), Nature(summit), designs_per_round=2, rounds=5)
+    table = differences(verdicts)
     assert table["round"].tolist() == [1, 1] and table["agrees"].tolist() == [True, True]
-    best = outcome.designs.iloc[0]
+    best = verdicts.designs.iloc[0]
     assert best["stopped"] == "round 1: predictions confirmed"
     assert best["separates"] and "separates by" in best["verdict"]
     assert "prediction confirmed" in best["verdict"]
-    rows = outcome.verifications.set_index(["array", "population"])
+    rows = verdicts.verifications.set_index(["array", "population"])
     for array in (1, 2):
         assert rows["simulated_deg"][array, "difference"] == pytest.approx(
             rows["simulated_deg"][array, "2"] - rows["simulated_deg"][array, "1"])
         assert rows["sigma_num_deg"][array, "difference"] == pytest.approx(0.05 * math.sqrt(2))
-    assert outcome.designs["separation_deg"].is_monotonic_decreasing
+    assert verdicts.designs["separation_deg"].is_monotonic_decreasing
 
 
 def test_a_missed_prediction_is_learnt_from():
@@ -98,50 +99,50 @@ def test_a_missed_prediction_is_learnt_from():
     def other(r, g, n, d, cell):
         return 3 * d * (20 - g)
 
-    def fit(runs, seed):
-        seen.append(len(runs))
+    def fit(outcomes, seed):
+        seen.append(len(outcomes))
         return Known(other)
 
     nature = Nature(other)
-    outcome = check(Known(summit), nature, fit, designs_per_round=1, rounds=4)
-    table = differences(outcome)
+    verdicts = check(Known(summit), nature, fit, designs_per_round=1, rounds=4)
+    table = differences(verdicts)
     assert table["agrees"].tolist() == [False, True]
     assert table["verdict"].iloc[0].startswith("prediction missed by")
     assert table["gap_um"].iloc[1] < 15  # where the refitted surrogate looks
-    assert seen == [len(RUNS) + 2, len(RUNS) + 4]
-    assert set(outcome.runs["run_id"]) == {"r1", "r2", *outcome.rows}
-    assert outcome.designs["round"].iloc[0] == 2
+    assert seen == [len(OUTCOMES) + 2, len(OUTCOMES) + 4]
+    assert set(verdicts.outcomes["outcome_id"]) == {"r1", "r2", *verdicts.rows}
+    assert verdicts.designs["round"].iloc[0] == 2
 
 
 def test_candidates_simulated_before_end_the_rounds():
     """A surrogate that learns nothing proposes the same arrays again."""
     request = ask(sampler="grid", grid_steps=5)
-    outcome = check(Known(summit), Nature(flat), request=request, designs_per_round=1, rounds=3)
-    assert len(differences(outcome)) == 1
-    assert "have been simulated before" in outcome.designs["stopped"].iloc[0]
+    verdicts = check(Known(summit), Nature(flat), request=request, designs_per_round=1, rounds=3)
+    assert len(differences(verdicts)) == 1
+    assert "have been simulated before" in verdicts.designs["stopped"].iloc[0]
 
 
 def test_budget_is_never_exceeded():
     nature = Nature(flat)
-    outcome = check(Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5,
+    verdicts = check(Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5,
                     height_runs=True)
     assert len(nature.asked) == 4
-    assert outcome.designs["stopped"].iloc[0] == "round 1: budget of 5 runs spent"
+    assert verdicts.designs["stopped"].iloc[0] == "round 1: budget of 5 outcomes spent"
 
 
 def test_a_wide_interval_confirms_nothing_and_the_rounds_go_on():
     vague = Known(summit, half=20.0)
-    outcome = check(vague, Nature(summit), rounds=2, designs_per_round=1)
-    table = differences(outcome)
+    verdicts = check(vague, Nature(summit), rounds=2, designs_per_round=1)
+    table = differences(verdicts)
     assert table["agrees"].tolist() == [True, True]
     assert table["verdict"].str.contains("left the order open").all()
-    assert outcome.designs["stopped"].iloc[0] == "2 rounds done"
+    assert verdicts.designs["stopped"].iloc[0] == "2 rounds done"
 
 
 def test_a_separation_within_the_numerical_uncertainty_is_none():
-    outcome = check(Known(summit), Nature(lambda r, g, n, d, cell: 0.2 * d, sigma=0.5), rounds=1,
+    verdicts = check(Known(summit), Nature(lambda r, g, n, d, cell: 0.2 * d, sigma=0.5), rounds=1,
                     designs_per_round=1)
-    best = outcome.designs.iloc[0]
+    best = verdicts.designs.iloc[0]
     assert not best["separates"] and best["verdict"].startswith("does not separate")
     unknown = check(Known(summit), Nature(summit, sigma=None), rounds=1, designs_per_round=1)
     best = unknown.designs.iloc[0]
@@ -149,11 +150,11 @@ def test_a_separation_within_the_numerical_uncertainty_is_none():
 
 
 def test_a_cell_that_clogs_is_a_result():
-    outcome = check(Known(summit), Nature(summit, status="stuck"), rounds=1, designs_per_round=1,
+    verdicts = check(Known(summit), Nature(summit, status="stuck"), rounds=1, designs_per_round=1,
                     height_runs=True)
-    table = differences(outcome)
+    table = differences(verdicts)
     assert table["agrees"].tolist() == [None]
-    best = outcome.designs.iloc[0]
+    best = verdicts.designs.iloc[0]
     assert best["verdict"] == "no separation measured: why" and pd.isna(best["length_mm"])
 
 
@@ -161,37 +162,37 @@ def test_a_run_that_cannot_start_is_told_and_not_learnt_from():
     def refuse(geometry, population, height_um):
         raise DldsimError("the cell does not fit")
 
-    outcome = check(Known(summit), refuse, rounds=1, designs_per_round=1)
-    assert outcome.designs["verdict"].iloc[0] == "no separation measured: the cell does not fit"
-    assert len(outcome.runs) == len(RUNS)
+    verdicts = check(Known(summit), refuse, rounds=1, designs_per_round=1)
+    assert verdicts.designs["verdict"].iloc[0] == "no separation measured: the cell does not fit"
+    assert len(verdicts.outcomes) == len(OUTCOMES)
 
 
 def test_nothing_is_compared_outside_the_training_geometries():
     outside = Known(summit, outside=lambda r, g, n: 1.0)
-    outcome = check(outside, Nature(flat), rounds=1, designs_per_round=1)
-    assert outcome.verifications["agrees"].isna().all()
-    assert outcome.verifications["verdict"].str.startswith("not compared").all()
+    verdicts = check(outside, Nature(flat), rounds=1, designs_per_round=1)
+    assert verdicts.verifications["agrees"].isna().all()
+    assert verdicts.verifications["verdict"].str.startswith("not compared").all()
 
 
 def test_the_opposite_order_is_told():
-    outcome = check(Known(summit), Nature(lambda r, g, n, d, cell: -3 * d * (r - 5)), rounds=1,
+    verdicts = check(Known(summit), Nature(lambda r, g, n, d, cell: -3 * d * (r - 5)), rounds=1,
                     designs_per_round=1)
-    assert "in the opposite order" in outcome.designs["verdict"].iloc[0]
-    assert (outcome.designs["separation_deg"] > 0).all()
+    assert "in the opposite order" in verdicts.designs["verdict"].iloc[0]
+    assert (verdicts.designs["separation_deg"] > 0).all()
 
 
 def test_the_best_design_is_simulated_at_both_heights():
     """The formula moves cell 1 by 0.1° and cell 2 by 0.2° for each µm of height."""
     nature = Nature(summit)
-    outcome = check(Known(summit), nature, rounds=1, designs_per_round=2, height_runs=True)
-    best = outcome.designs.iloc[0]
+    verdicts = check(Known(summit), nature, rounds=1, designs_per_round=2, height_runs=True)
+    best = verdicts.designs.iloc[0]
     assert best["separation_low_height_deg"] == pytest.approx(best["separation_deg"] - 0.1)
     assert best["separation_high_height_deg"] == pytest.approx(best["separation_deg"] + 0.1)
-    heights = outcome.verifications[outcome.verifications["role"] == "height"]
+    heights = verdicts.verifications[verdicts.verifications["role"] == "height"]
     assert sorted(set(heights["height_um"])) == [19.0, 21.0]
     assert heights["agrees"].isna().all()  # nothing was predicted for another height
-    assert len(outcome.runs) == len(RUNS) + 4  # runs of another height are not learnt from
-    assert outcome.designs["separation_low_height_deg"].iloc[1:].isna().all()
+    assert len(verdicts.outcomes) == len(OUTCOMES) + 4  # runs of another height are not learnt from
+    assert verdicts.designs["separation_low_height_deg"].iloc[1:].isna().all()
 
 
 def test_runs_near_a_transition_are_learnt_from_but_are_no_designs():
@@ -199,10 +200,10 @@ def test_runs_near_a_transition_are_learnt_from_but_are_no_designs():
         return np.degrees(np.arctan(np.clip((r - 5) / 4 * d, 0, 1) / n))
 
     nature = Nature(ramp)
-    outcome = check(Known(ramp), nature, rounds=1, designs_per_round=1, transition_geometries=2)
-    roles = differences(outcome)["role"].tolist()
+    verdicts = check(Known(ramp), nature, rounds=1, designs_per_round=1, transition_geometries=2)
+    roles = differences(verdicts)["role"].tolist()
     assert roles == ["design", "transition", "transition"]
-    assert len(outcome.designs) == 1 and len(outcome.runs) == len(RUNS) + 6
+    assert len(verdicts.designs) == 1 and len(verdicts.outcomes) == len(OUTCOMES) + 6
 
 
 def test_pressure_and_length_of_a_design_by_hand():
@@ -210,9 +211,9 @@ def test_pressure_and_length_of_a_design_by_hand():
         return {"permeability_over_pitch2": 0.01, "drag_over_mu_U": 100.0}
 
     budget = Budget(rounds=1, designs_per_round=1, transition_geometries=0, height_runs=False)
-    outcome = verify(Known(summit), RUNS, REQUEST, CHIP, budget, PEOPLE, Nature(summit), 1,
-                     fit=lambda runs, seed: Known(summit), resistance=resistance)  # fmt: skip
-    best = outcome.designs.iloc[0]
+    verdicts = verify(Known(summit), OUTCOMES, REQUEST, CHIP, budget, PEOPLE, Nature(summit), 1,
+                     fit=lambda outcomes, seed: Known(summit), resistance=resistance)  # fmt: skip
+    best = verdicts.designs.iloc[0]
     slopes = np.tan(np.radians([best["angle_1_deg"], best["angle_2_deg"]]))
     assert best["length_mm"] == pytest.approx(0.1 / (slopes[1] - slopes[0]))
     pitch = 2 * best["pillar_radius_um"] + best["gap_um"]
@@ -224,9 +225,9 @@ def test_pressure_and_length_of_a_design_by_hand():
 def test_tables_can_be_written(tmp_path):
     """Of a confirmed, a missed and a stuck design, null where nothing was measured."""
     for i, nature in enumerate((Nature(summit), Nature(flat), Nature(summit, status="stuck"))):
-        outcome = check(Known(summit), nature, rounds=2, height_runs=True, transition_geometries=1)
-        for kind, table in (("verifications", outcome.verifications),
-                            ("verified_designs", outcome.designs)):
+        verdicts = check(Known(summit), nature, rounds=2, height_runs=True, transition_geometries=1)
+        for kind, table in (("verifications", verdicts.verifications),
+                            ("verified_designs", verdicts.designs)):
             write_table(kind, plain(table), tmp_path / f"{kind}{i}.parquet", {})
 
 
@@ -264,34 +265,37 @@ def test_a_deformation_index_between_sets_is_interpolated():
         make_populations(ask(), ask(deformation_index_2=0.85), CALIBRATION, SETS)
 
 
-SCENE = Scene(Cell(radius_um=5.0), Flow(height_um=12.0), Numerics(), RunControl(max_rows=2))
+SCENE = Scene(CellShape(radius_um=5.0), Flow(height_um=12.0), Numerics(),
+              RunControl(max_rows=2, release_gap_fractions=[0.5, 0.4]))
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 SMALL = Population(1, "small-1", 0.5, 0.0, 4.0, SOFT, "by hand")
 
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
-    """One real run, two rows long."""
-    folder = tmp_path_factory.mktemp("runs")
+    """One real outcome of two releases, two rows long each."""
+    folder = tmp_path_factory.mktemp("outcomes")
     simulator = Simulator(folder, SCENE)
     return simulator, simulator(GEOMETRY, SMALL, 12.0)
 
 
-def test_a_run_has_the_radius_of_its_population(simulated):
-    _, row = simulated
+def test_an_outcome_has_the_radius_of_its_population(simulated):
+    simulator, row = simulated
     assert row["cell_radius_um"] == 4.0 and row["height_um"] == 12.0
-    assert row["run_id"] == "r05.0_g12.0_n04_ssmall-1"
-    assert row["deformation_index"] == 0.5 and row["rows_completed"] == 2
-    assert set(row) == {c.name for c in COLUMNS["runs"]}
+    assert row["outcome_id"] == "r05.0_g12.0_n04_ssmall-1"
+    assert row["deformation_index"] == 0.5
+    assert (row["releases"], row["rows_total"]) == (2, 4)
+    assert set(row) == {c.name for c in COLUMNS["outcomes"]}
+    assert not (simulator.directory / row["outcome_id"]).exists()  # nothing partial is left
 
 
-def test_a_finished_run_is_used_again(simulated, monkeypatch):
+def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
     simulator, row = simulated
 
     def forbidden(*arguments, **options):
         raise AssertionError("simulated again")
 
-    monkeypatch.setattr("dldsim.vtk.simulate_with_shapes", forbidden)
+    monkeypatch.setattr("dldsim.simulation.simulate_run", forbidden)
     monkeypatch.setattr("dldsim.flow.solve_empty_array", forbidden)
     again = Simulator(simulator.directory, SCENE)
     assert again(GEOMETRY, SMALL, 12.0) == row
@@ -304,14 +308,35 @@ def test_a_finished_run_is_used_again(simulated, monkeypatch):
     ):
         with pytest.raises(AssertionError, match="simulated again"):
             changed()
-    (simulator.directory / f"{row['run_id']}.run.parquet").write_bytes(b"cut off")
+    (simulator.directory / f"{row['outcome_id']}.outcome.parquet").write_bytes(b"cut off")
     with pytest.raises(AssertionError, match="simulated again"):
         again(GEOMETRY, SMALL, 12.0)
 
 
-def test_recorded_shapes_belong_to_the_run(simulated):
+def test_an_interrupted_outcome_goes_on_with_its_next_release(simulated, tmp_path, monkeypatch):
+    _, row = simulated
+    simulate, places = simulation.simulate_run, []
+
+    def stop(*sections, **options):
+        places.append(sections[2].release_gap_fraction)
+        if places == [0.5, 0.4]:
+            raise KeyboardInterrupt
+        return simulate(*sections, **options)
+
+    monkeypatch.setattr("dldsim.simulation.simulate_run", stop)
+    simulator = Simulator(tmp_path, SCENE)
+    with pytest.raises(KeyboardInterrupt):
+        simulator(GEOMETRY, SMALL, 12.0)
+    again = simulator(GEOMETRY, SMALL, 12.0)
+    assert places == [0.5, 0.4, 0.4]
+    assert again["angle_high_deg"] == row["angle_high_deg"] and again["steps"] == row["steps"]
+    assert simulator.passage(again).shapes.cell_radius_um == 4.0
+
+
+def test_recorded_shapes_belong_to_the_first_release(simulated):
     simulator, row = simulated
     passage = simulator.passage(row)
+    assert set(passage.trajectory["run_id"]) == {f"{row['outcome_id']}_y0.50"}
     assert passage.shapes.departure_um(passage.trajectory) == 0
     assert passage.shapes.cell_radius_um == 4.0
 
@@ -330,7 +355,7 @@ def test_flow_of_a_design_is_kept(simulated, monkeypatch):
     assert Simulator(simulator.directory, SCENE).resistance(GEOMETRY) == row
 
 
-def test_runs_of_other_conditions_are_refused():
+def test_outcomes_of_other_conditions_are_refused():
     runs = pd.DataFrame({"cell_shape": ["biconcave"], "height_um": [15.0],
                          "mean_velocity_mm_s": [0.5]})
     with pytest.raises(DldsimError, match="height_um = 15.0, the configuration has 12.0"):

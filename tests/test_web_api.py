@@ -131,7 +131,7 @@ def test_a_report_stands_alone(client, designed):
     page = client.get(f"{PREFIX}/designs/{designed['id']}/files/report").text
     assert "href=" not in page and "<script" not in page
     assert page.count("data:image/") >= 5 and "Predicted, not simulated" in page
-    assert designed["provenance"]["runs_sha256"][:16] in page
+    assert designed["provenance"]["outcomes_sha256"][:16] in page
 
 
 def test_optimize_waits_for_the_best(client):
@@ -254,7 +254,7 @@ def test_the_model_tells_domain_and_ranges(client):
 
 
 def test_tables_come_with_units(client, campaign):  # noqa: F811
-    for kind in ("runs", "calibration"):
+    for kind in ("outcomes", "calibration"):
         table = client.get(f"{PREFIX}/campaign/{kind}").json()
         assert len(table["rows"]) == len(read_table(kind, campaign / f"{kind}.parquet"))
         assert [c["name"] for c in table["columns"]] == [c.name for c in COLUMNS[kind]]
@@ -269,8 +269,8 @@ def uploads(campaign, kinds, ending):  # noqa: F811
             for kind in kinds}
 
 
-@pytest.mark.parametrize(("ending", "kinds"), [("csv", ("runs",)),
-                                               ("parquet", ("runs", "calibration", "flows"))])
+@pytest.mark.parametrize(("ending", "kinds"), [("csv", ("outcomes",)),
+                                               ("parquet", ("outcomes", "calibration", "flows"))])
 def test_a_campaign_can_be_brought(client, campaign, ending, kinds):  # noqa: F811
     answer = client.post(f"{PREFIX}/campaigns", files=uploads(campaign, kinds, ending),
                          data={"name": "mine"})
@@ -283,8 +283,8 @@ def test_a_campaign_can_be_brought(client, campaign, ending, kinds):  # noqa: F8
     own = client.post(f"{PREFIX}/predict", json=PLACE).json()
     mine = client.post(f"{PREFIX}/predict", json=PLACE | {"campaign": found["id"]}).json()
     assert mine["provenance"]["campaign_name"] == "mine"
-    # the same runs; the seed of the fit is another
-    assert mine["provenance"]["runs_sha256"] == own["provenance"]["runs_sha256"]
+    # the same outcomes; the seed of the fit is another
+    assert mine["provenance"]["outcomes_sha256"] == own["provenance"]["outcomes_sha256"]
     sets = client.post(f"{PREFIX}/optimize", json=ASK | {"campaign": found["id"]})
     indices = {"deformation_index_1": 0.55, "deformation_index_2": 0.7, "trials": 15,
                "campaign": found["id"]}
@@ -304,33 +304,33 @@ def test_a_campaign_can_be_brought(client, campaign, ending, kinds):  # noqa: F8
 
 def broken_tables(campaign, tmp_path):  # noqa: F811
     """Uploads that must be refused, and what the answer names."""
-    runs = read_table("runs", campaign / "runs.parquet")
-    text = write_csv("runs", campaign / "runs.parquet").read_text().splitlines()
-    raw = (campaign / "runs.parquet").read_bytes()
+    outcomes = read_table("outcomes", campaign / "outcomes.parquet")
+    text = write_csv("outcomes", campaign / "outcomes.parquet").read_text().splitlines()
+    raw = (campaign / "outcomes.parquet").read_bytes()
 
     def table(frame):
-        write_table("runs", filled("runs", frame.copy()), tmp_path / "x.parquet", {})
+        write_table("outcomes", filled("outcomes", frame.copy()), tmp_path / "x.parquet", {})
         return (tmp_path / "x.parquet").read_bytes()
 
-    old = pq.read_table(campaign / "runs.parquet")
+    old = pq.read_table(campaign / "outcomes.parquet")
     about = json.loads(old.schema.metadata[b"dldsim"]) | {"physics_version": 0}
     stream = io.BytesIO()
     pq.write_table(old.replace_schema_metadata({b"dldsim": json.dumps(about)}), stream)
     return [
-        (b"", "neither"), (pickle.dumps(runs), "neither"), (raw[:400], "neither"),
+        (b"", "neither"), (pickle.dumps(outcomes), "neither"), (raw[:400], "neither"),
         (b"PK\x03\x04" + raw, "neither"),
         ((text[0] + "\n").encode(), "no rows"),
-        (b"a,b\n1,2\n", "missing run_id"),
-        ("\n".join(line.partition(",")[2] for line in text).encode(), "missing run_id"),
+        (b"a,b\n1,2\n", "missing outcome_id"),
+        ("\n".join(line.partition(",")[2] for line in text).encode(), "missing outcome_id"),
         ("\n".join(["extra," + text[0], *("1," + x for x in text[1:])]).encode(), "extra"),
         ((campaign / "calibration.parquet").read_bytes(), "kind calibration"),
         (stream.getvalue(), "physics version 0"),
-        (table(runs.iloc[[0, 0, 0]]), "more than once"),
-        (table(runs.iloc[:2]), "usable"),
-        (table(runs.assign(deformation_index=7.0)), "0 to 1"),
-        (table(runs.assign(status="measured")), "/measurements"),
-        (table(runs.assign(numerics="{}")), "numerics"),
-        (table(runs.assign(height_um=[20.0, 21.0] * (len(runs) // 2) + [20.0] * (len(runs) % 2))),
+        (table(outcomes.iloc[[0, 0, 0]]), "more than once"),
+        (table(outcomes.iloc[:2]), "usable"),
+        (table(outcomes.assign(deformation_index=7.0)), "0 to 1"),
+        (table(outcomes.assign(status="measured")), "/measurements"),
+        (table(outcomes.assign(numerics="{}")), "numerics"),
+        (table(outcomes.assign(height_um=[20.0, *[21.0] * (len(outcomes) - 1)])),
          "height_um"),
         ("\n".join([text[0], *text[1:2] * 6000]).encode(), "at most 5000"),
     ]
@@ -338,10 +338,10 @@ def broken_tables(campaign, tmp_path):  # noqa: F811
 
 def test_bad_uploads_are_told(client, campaign, tmp_path):  # noqa: F811
     for content, part in broken_tables(campaign, tmp_path):
-        answer = client.post(f"{PREFIX}/campaigns", files={"runs": ("runs.parquet", content)})
+        answer = client.post(f"{PREFIX}/campaigns", files={"outcomes": ("x.parquet", content)})
         problem = answer.json()
         assert answer.status_code == 422, (part, problem)
-        assert part in problem["message"] and problem["fields"][0]["field"] == "runs", problem
+        assert part in problem["message"] and problem["fields"][0]["field"] == "outcomes", problem
 
 
 def measured(**change):
@@ -366,8 +366,8 @@ def test_measured_angles_are_learnt_from(client):
     assert abs(new - 9.0) < abs(old - 9.0)
     more = client.post(f"{PREFIX}/measurements",
                        json={"measurements": many[:1], **flow, "campaign": found["id"]})
-    assert more.json()["rows"] == own["provenance"]["runs"] + 9
-    rows = client.get(f"{PREFIX}/campaign/runs?campaign={found['id']}").json()["rows"]
+    assert more.json()["rows"] == own["provenance"]["outcomes"] + 9
+    rows = client.get(f"{PREFIX}/campaign/outcomes?campaign={found['id']}").json()["rows"]
     assert sum(r["status"] == "measured" for r in rows) == 8
     search = {**ASK, "campaign": found["id"], "candidates": 1}
     assert client.post(f"{PREFIX}/optimize", json=search).status_code == 200
@@ -380,7 +380,8 @@ def test_measured_angles_are_learnt_from(client):
 def test_missing_data_are_unhealthy(campaign, tmp_path):  # noqa: F811
     for folder in (tmp_path / "none", tmp_path / "some"):
         folder.mkdir()
-    (tmp_path / "some" / "runs.parquet").write_bytes((campaign / "runs.parquet").read_bytes())
+    content = (campaign / "outcomes.parquet").read_bytes()
+    (tmp_path / "some" / "outcomes.parquet").write_bytes(content)
     for name in ("none", "some"):
         app = make_app(Settings(results=tmp_path / name, state=tmp_path / f"state-{name}"))
         found = TestClient(app)

@@ -240,7 +240,7 @@ def test_text_of_others_is_no_markup():
 def test_campaign_page_shows_angles_calibration_and_a_prediction(service):
     page = sound(run_page("campaign_page"))
     shown = texts(page)
-    assert "27 runs, 6 of them without an angle" in shown
+    assert "27 outcomes, 6 of them without an angle" in shown
     assert "the true one is wider" in shown
     button(page, "Predict").click().run()
     assert "Full bump" in texts(sound(page)) and "outside" in texts(page)

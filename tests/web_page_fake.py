@@ -18,7 +18,8 @@ PREFIX = "/api/v1"
 LOW, HIGH = 0.68, 0.74
 ABOUT = models.Provenance(
     dldsim_version="0", physics_version=0, campaign=None, campaign_name="a *made up* campaign",
-    origin="tracked", runs=27, used=26, geometries=27, runs_sha256="a" * 64, model_sha256="b" * 64,
+    origin="tracked", outcomes=27, used=26, geometries=27, outcomes_sha256="a" * 64,
+    model_sha256="b" * 64,
     fitted_by={"xgboost": "3"}, scores_by_geometry={
         "rmse_deg": 1.0, "median_absolute_error_deg": 0.2, "r2": 0.9, "predictions": 26},
     warnings=["1 run had not settled"])  # fmt: skip
@@ -168,13 +169,14 @@ class Fake:
         return self.answer(self.designs[rest[0]])
 
     def get_campaign(self, _, rest) -> httpx.Response:
-        if rest[0] == "runs":
-            rows = [row("runs", run_id=f"run-{k}", pillar_radius_um=r, gap_um=g, periodicity=n,
+        if rest[0] == "outcomes":
+            rows = [row("outcomes", outcome_id=f"outcome-{k}", pillar_radius_um=r, gap_um=g,
+                        periodicity=n,
                         stiffness_set=str(1 + k % 3), deformation_index=LOW,
                         mode=("bump", "mixed", "zigzag", "none")[k % 4],
                         migration_angle_deg=None if k % 4 == 3 else angle(r, g, n, LOW),
                         bump_angle_deg=degrees(atan(1 / n)),
-                        status="converged" if k % 2 else "period_limit", sigma_num_deg=0.1)
+                        status="decided" if k % 2 else "undecided", sigma_num_deg=0.1)
                     for k, (r, g, n) in enumerate(ARRAYS)]
         else:
             rows = [row("calibration", design="group-velocity", group=f"G{k}", ks_uN_per_m=5.0 * k,

@@ -229,7 +229,7 @@ def test_a_verdict_is_attached_when_it_is_ready(serve, tmp_path):
     assert kinds == {"json", "csv", "gds", "dxf"}
     _, record = service.call("GET", f"{accepted['url']}/files/json?verified=1")
     assert len(record["verification"]) == 2
-    assert not list((tmp_path / "runs").iterdir())
+    assert not list((tmp_path / "outcomes").iterdir())
 
 
 @pytest.mark.skipif(shutil.which("schemathesis") is None

@@ -263,9 +263,9 @@ def test_campaign_page_and_the_inverse(tab, service):
 
 
 def test_uploaded_campaign_is_used_and_deleted(tab, service, tmp_path):
-    table = asked(service, "runs", path="/campaign/")
+    table = asked(service, "outcomes", path="/campaign/")
     names = [c["name"] for c in table["columns"]]
-    good, bad = tmp_path / "runs.csv", tmp_path / "bad.csv"
+    good, bad = tmp_path / "outcomes.csv", tmp_path / "bad.csv"
     good.write_text("\n".join([",".join(names), *(
         ",".join(_cell(row[n]) for n in names) for row in table["rows"])]), encoding="utf-8")
     bad.write_bytes(b"\x80\x04\x95 not a table")
@@ -275,7 +275,7 @@ def test_uploaded_campaign_is_used_and_deleted(tab, service, tmp_path):
     tab.locator('input[type="file"]').first.set_input_files(bad)
     settled(tab)
     press(tab, "Upload and fit")
-    tab.locator(ERROR).filter(has_text="uploaded table runs").first.wait_for()
+    tab.locator(ERROR).filter(has_text="uploaded table outcomes").first.wait_for()
     shoot(tab, "refused-upload")
     tab.locator('input[type="file"]').first.set_input_files(good)
     settled(tab)

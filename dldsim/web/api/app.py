@@ -186,14 +186,14 @@ class Service:
             raise DldsimError("verify = true: this service does not simulate. Leave it out.")
         if "calibration" not in known.tables:
             raise DldsimError("verify = true: this campaign came without a calibration, which the "
-                              "moduli of the cells are read from. Upload it with the runs.")
-        conditions(known.tables["runs"], design_jobs.scene_of(known.settings))
+                              "moduli of the cells are read from. Upload it with the outcomes.")
+        conditions(known.tables["outcomes"], design_jobs.scene_of(known.settings))
         sets = {name: config.Stiffness(**v) for name, v in known.settings["stiffness_sets"].items()}
         for i in (1, 2):
             name = getattr(spec, f"stiffness_set_{i}")
             if name is not None and name not in sets:
                 raise DldsimError(f"verify = true: stiffness_set_{i} = {name:.64} has no run in "
-                                  f"this campaign (with runs: {', '.join(sets)}).")
+                                  f"this campaign (with outcomes: {', '.join(sets)}).")
         make_populations(spec.request, resolved, known.tables["calibration"], sets)
 
     def status(self, job: Job) -> str:
@@ -515,7 +515,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         source = service.source(campaign)
         known = source.known
         card = known.model.card
-        runs = known.tables["runs"]
+        outcomes = known.tables["outcomes"]
         sets, ranges = [], {}
         if "calibration" in known.tables:
             table = known.tables["calibration"]
@@ -527,7 +527,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             sets = [models.CalibratedSet(**row) for row in table_rows("calibration", named[
                 ["stiffness_set", "deformation_index", "deformation_index_std"]])]
         columns = ["pillar_radius_um", "gap_um", "periodicity"]
-        used = runs.dropna(subset=["migration_angle_deg", "deformation_index"])
+        used = outcomes.dropna(subset=["migration_angle_deg", "deformation_index"])
         limits = {k: v for k, v in service.settings.model_dump().items()
                   if isinstance(v, int | float) and k.endswith(("_max", "_bytes", "_s"))}
         return models.ModelInfo(
@@ -549,11 +549,11 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         return models.Table(kind=kind, columns=columns_of(kind), rows=table_rows(kind, frame),
                             provenance=source.provenance)
 
-    @app.get(f"{PREFIX}/campaign/runs", response_model=models.Table,
+    @app.get(f"{PREFIX}/campaign/outcomes", response_model=models.Table,
              responses=_problems(404, 409), tags=["campaign"])
-    def runs(campaign: CampaignQuery = None) -> models.Table:
-        """The runs learnt from, and measurements."""
-        return table("runs", service.source(campaign))
+    def outcomes(campaign: CampaignQuery = None) -> models.Table:
+        """The outcomes learnt from, and measurements."""
+        return table("outcomes", service.source(campaign))
 
     @app.get(f"{PREFIX}/campaign/calibration", response_model=models.Table,
              responses=_problems(404, 409), tags=["campaign"])
@@ -591,7 +591,7 @@ def calibration_of(source: Source):
     """The calibration of a campaign, or the answer that it has none."""
     if "calibration" not in source.known.tables:
         raise Refused(409, "not-available", f"{source.provenance.campaign_name}: it came "
-                      "without a calibration. Upload it with the runs.")
+                      "without a calibration. Upload it with the outcomes.")
     return source.known.tables["calibration"]
 
 
@@ -624,7 +624,7 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
     @app.post(f"{PREFIX}/campaigns", status_code=202, response_model=models.CampaignStatus,
               responses=_problems(429), tags=["campaign"])
     def upload(
-        runs: Annotated[UploadFile, File(description="table of runs, CSV or Parquet")],
+        outcomes: Annotated[UploadFile, File(description="table of outcomes, CSV or Parquet")],
         calibration: Annotated[UploadFile | None, File(description="for stiffness sets and "
                                                        "verification")] = None,
         flows: Annotated[UploadFile | None, File(description="for pressure drops")] = None,
@@ -635,11 +635,12 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
             raise service.busy(SEARCH, "Two uploads are being read already.")
         try:
             parts = {kind: read_upload(kind, file.file.read(), settings.upload_rows_max)
-                     for kind, file in (("runs", runs), ("calibration", calibration),
+                     for kind, file in (("outcomes", outcomes), ("calibration", calibration),
                                         ("flows", flows)) if file is not None}
         except DldsimError as error:
             message = _ascii(str(error))
-            field = next((k for k in ("calibration", "flows") if f"table {k}" in message), "runs")
+            others = (k for k in ("calibration", "flows") if f"table {k}" in message)
+            field = next(others, "outcomes")
             raise Refused(422, "invalid", message, [
                 models.FieldProblem(field=field, value="", message=message)]) from error
         finally:
@@ -648,20 +649,20 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
 
         import pyarrow.parquet
 
-        rows = pyarrow.parquet.ParquetFile(io.BytesIO(parts["runs"])).metadata.num_rows
+        rows = pyarrow.parquet.ParquetFile(io.BytesIO(parts["outcomes"])).metadata.num_rows
         return accept(_ascii(name), "uploaded", rows, parts)
 
     @app.post(f"{PREFIX}/measurements", status_code=202, response_model=models.CampaignStatus,
               responses=_problems(404, 409, 429), tags=["campaign"])
     def measure(spec: models.MeasurementsSpec) -> models.CampaignStatus:
-        """Measured angles to be learnt from, beside the runs of a campaign."""
+        """Measured angles to be learnt from, beside the outcomes of a campaign."""
         source = service.source(spec.campaign)
         given = spec.model_dump(include={"measurements", "height_um", "mean_velocity_mm_s"})
         parts = service.data.snapshot(spec.campaign)
         if "measurements" in parts:
             given["measurements"] = (json.loads(parts["measurements"])["measurements"]
                                      + given["measurements"])
-        simulated = source.known.tables["runs"]
+        simulated = source.known.tables["outcomes"]
         simulated = simulated[simulated["status"] != design_jobs.MEASURED]
         try:
             table = design_jobs.with_measurements(simulated, **given)

@@ -27,9 +27,11 @@ from dldsim.web.api.models import Provenance
 from dldsim.web.api.settings import Settings
 from dldsim.web.api.store import Store
 
-FILES = ("runs.parquet", "calibration.parquet", "flows.parquet", "surrogate.json",
+FILES = ("outcomes.parquet", "calibration.parquet", "flows.parquet", "surrogate.json",
          "surrogate_card.json")  # fmt: skip
 NEEDED = tuple(name for name in FILES if name != "flows.parquet")
+TABLES = ("outcomes", "calibration", "flows")
+"""Kinds of tables that a campaign is kept with; only the first is needed."""
 SEED = 1
 """Of the fit of an uploaded campaign."""
 CACHED = 4
@@ -114,7 +116,7 @@ class Data:
         parts = self.store.parts(campaign)
         tables, control = self._tables(parts)
         model = _load(parts)
-        design_jobs.check_model(model, tables["runs"], Path(job.spec["name"]))
+        design_jobs.check_model(model, tables["outcomes"], Path(job.spec["name"]))
         found = self._made(tables, parts, model, control, campaign, job.spec)
         with self._lock:
             self._uploaded[campaign] = found
@@ -126,7 +128,7 @@ class Data:
         """Fit the surrogate of an uploaded campaign; its files for the store."""
         parts = self.store.parts(campaign)
         tables, control = self._tables(parts)
-        model = surrogate.fit(tables["runs"], derive_seed(SEED, "surrogate"))
+        model = surrogate.fit(tables["outcomes"], derive_seed(SEED, "surrogate"))
         with tempfile.TemporaryDirectory() as folder:
             paths = [Path(folder) / name for name in ("surrogate.json", "surrogate_card.json")]
             model.save(*paths)
@@ -134,26 +136,26 @@ class Data:
         return self._made(tables, parts, _load(files), control, campaign, spec), files
 
     def _tables(self, parts: Mapping[str, bytes]) -> tuple[dict[str, pd.DataFrame], Any]:
-        """Tables of stored parts, measurements below the runs; and the runs' control."""
+        """Tables of stored parts, measurements below the outcomes; and the run control."""
         tables, control = {}, None
         with tempfile.TemporaryDirectory() as folder:
-            for kind in ("runs", "calibration", "flows"):
+            for kind in TABLES:
                 if kind in parts:
                     path = Path(folder) / f"{kind}.parquet"
                     path.write_bytes(parts[kind])
                     tables[kind] = read_table(kind, path)
-                    if kind == "runs":
+                    if kind == "outcomes":
                         settings = describe(path)["provenance"].get("settings") or {}
                         control = settings.get("run_control")
         if "measurements" in parts:
             given = json.loads(parts["measurements"])
-            tables["runs"] = design_jobs.with_measurements(tables["runs"], **given)
+            tables["outcomes"] = design_jobs.with_measurements(tables["outcomes"], **given)
         return tables, control
 
     def _made(self, tables, parts, model, control, campaign, spec) -> Source:
         device, safety, _ = self.settings.campaign()
-        simulated = tables["runs"][tables["runs"]["status"] != MEASURED]
-        known = design_jobs.make_campaign(tables | {"runs": simulated}, model, control, device,
+        simulated = tables["outcomes"][tables["outcomes"]["status"] != MEASURED]
+        known = design_jobs.make_campaign(tables | {"outcomes": simulated}, model, control, device,
                                           safety)._replace(tables=tables)
         origin = "measurements" if "measurements" in parts else "uploaded"
         return Source(known, _provenance(known, campaign, spec["name"], origin))
@@ -164,7 +166,7 @@ class Data:
             self.source(campaign)
             return {k: v for k, v in self.store.parts(campaign).items() if "surrogate" not in k}
         self.own()
-        paths = {kind: self.folder() / f"{kind}.parquet" for kind in design_jobs.KEPT}
+        paths = {kind: self.folder() / f"{kind}.parquet" for kind in TABLES}
         return {kind: path.read_bytes() for kind, path in paths.items() if path.is_file()}
 
 
@@ -180,21 +182,21 @@ def _provenance(known: design_jobs.Campaign, campaign: str | None, name: str, or
                 ) -> Provenance:
     card = known.model.card
     warnings = []
-    measured = int((known.tables["runs"]["status"] == MEASURED).sum())
+    measured = int((known.tables["outcomes"]["status"] == MEASURED).sum())
     if origin == "uploaded":
         warnings.append("This campaign was uploaded by a user; the service has checked its form, "
                         "not how it was made.")
     if measured:
         warnings.append(f"{measured} angles were measured on fabricated devices and typed in; "
-                        "each counts as one run.")
-    if card["data"]["not_converged"]:
-        warnings.append(f"{card['data']['not_converged']} of the runs learnt from had not settled "
-                        "at their row limit.")
+                        "each counts as one outcome.")
+    if card["data"]["undecided"]:
+        warnings.append(f"{card['data']['undecided']} of the outcomes learnt from had not settled "
+                        "when their rows were spent.")
     return Provenance(
         dldsim_version=__version__, physics_version=PHYSICS_VERSION, campaign=campaign,
-        campaign_name=name, origin=origin, runs=card["data"]["runs"], used=card["data"]["used"],
-        measured=measured, geometries=card["data"]["geometries"],
-        runs_sha256=card["data"]["sha256"], model_sha256=card.get("model_sha256", ""),
+        campaign_name=name, origin=origin, outcomes=card["data"]["outcomes"],
+        used=card["data"]["used"], measured=measured, geometries=card["data"]["geometries"],
+        outcomes_sha256=card["data"]["sha256"], model_sha256=card.get("model_sha256", ""),
         fitted_by=card["versions"], scores_by_geometry=card["scores_by_geometry"],
         warnings=warnings,
     )  # fmt: skip
@@ -271,8 +273,8 @@ def read_upload(kind: str, content: bytes, rows_max: int) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.parquet"
         write_table(kind, columns, path, kept)
-        if kind == "runs":
-            _check_runs(read_table(kind, path), where)
+        if kind == "outcomes":
+            _check_outcomes(read_table(kind, path), where)
         return path.read_bytes()
 
 
@@ -283,25 +285,25 @@ RANGES = {
 }  # fmt: skip
 
 
-def _check_runs(runs: pd.DataFrame, where: str) -> None:
-    """Refuse values that no run has, and what cannot be learnt from. Raises DldsimError."""
+def _check_outcomes(outcomes: pd.DataFrame, where: str) -> None:
+    """Refuse values that no outcome has, and what cannot be learnt from. Raises DldsimError."""
     for name, (low, high) in RANGES.items():
-        values = runs[name].dropna()
+        values = outcomes[name].dropna()
         bad = values[(values < low) | (values > high)]
         if len(bad):
             raise DldsimError(f"{where}, column {name}, row {bad.index[0]}: {bad.iloc[0]:g}; "
                               f"allowed {low:g} to {high:g}.")
-    doubled = runs["run_id"][runs["run_id"].duplicated()]
+    doubled = outcomes["outcome_id"][outcomes["outcome_id"].duplicated()]
     if len(doubled):
-        raise DldsimError(f"{where}: run_id {doubled.iloc[0][:80]} is there more than once.")
-    if (runs["status"] == MEASURED).any():
+        raise DldsimError(f"{where}: outcome_id {doubled.iloc[0][:80]} is there more than once.")
+    if (outcomes["status"] == MEASURED).any():
         raise DldsimError(f"{where}: status {MEASURED} is kept for measured angles, which POST "
                           "/measurements takes.")
     try:
-        design_jobs.settings_of_runs(runs)
-        surrogate.learnable(runs)
+        design_jobs.settings_of_outcomes(outcomes)
+        surrogate.learnable(outcomes)
     except (KeyError, TypeError, ValueError) as error:
-        raise DldsimError(f"{where}: column numerics is not that of a run: {error!r:.200}."
+        raise DldsimError(f"{where}: column numerics is not that of an outcome: {error!r:.200}."
                           ) from error
 
 

@@ -163,7 +163,7 @@ class Measurement(Section):
 
 
 class MeasurementsSpec(Section):
-    """Measured angles to be learnt from, beside the runs of a campaign."""
+    """Measured angles to be learnt from, beside the outcomes of a campaign."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [
         {"height_um": 20.0, "mean_velocity_mm_s": 0.5, "measurements": [
@@ -215,11 +215,11 @@ class Provenance(Answer):
     campaign: str | None = Field(description="id of an uploaded campaign; null: the service's own")
     campaign_name: str = Field(description="in words, to be shown")
     origin: Literal["tracked", "uploaded", "measurements"]
-    runs: int = Field(description="rows of the table of runs")
+    outcomes: int = Field(description="rows of the table of outcomes")
     used: int = Field(description="of which learnt from")
     measured: int = Field(0, description="of which measured on fabricated devices, not simulated")
     geometries: int
-    runs_sha256: str = Field(description="of the data learnt from, as in the model card")
+    outcomes_sha256: str = Field(description="of the data learnt from, as in the model card")
     model_sha256: str
     fitted_by: dict[str, Any] = Field(description="versions that fitted the surrogate")
     scores_by_geometry: dict[str, Any] = Field(description="errors on arrays held out")

@@ -145,23 +145,23 @@ class Worker:
         _, _, budget = self.settings.campaign()
         made = design_jobs.make_designs(spec.request, known, spec.seed, budget,
                                         lambda row: say(f"searching, trial {row['trial']}"))
-        # finished runs are kept between attempts; the folder's name is an id of this service
-        work = self.settings.state / "runs" / job.id
+        # finished releases are kept between attempts; the folder's name is an id of this service
+        work = self.settings.state / "outcomes" / job.id
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             try:
-                outcome = design_jobs.verify_request(
+                verdicts = design_jobs.verify_request(
                     spec.request, made.settings, known.chip, known.model, known.tables,
                     work=work, files=folder / "files", progress=say)
-                design_jobs.write_designs(made, known, folder, outcome)
+                design_jobs.write_designs(made, known, folder, verdicts)
             except (DldsimError, Cancelled):
                 shutil.rmtree(work, ignore_errors=True)
                 raise
             files = files_of(folder, spec.name)
         result = models.Verdict(
             state="done", message="", elapsed_s=time.perf_counter() - start,
-            designs=table_rows("verified_designs", outcome.designs),
-            verifications=table_rows("verifications", outcome.verifications))
+            designs=table_rows("verified_designs", verdicts.designs),
+            verifications=table_rows("verifications", verdicts.verifications))
         self.store.finish(job, result=result.model_dump_json(), files=files)
         shutil.rmtree(work, ignore_errors=True)
 

@@ -38,8 +38,8 @@ def _rows(kind: str) -> list[dict] | None:
 
 
 def _angles() -> None:
-    runs = _rows("runs")
-    if not runs:
+    outcomes = _rows("outcomes")
+    if not outcomes:
         return
     with st.container(border=True):
         left, middle, right = st.columns(3)
@@ -48,30 +48,31 @@ def _angles() -> None:
                                     key="form:angles_y")
         group = right.selectbox("colour and marker", GROUPS, format_func=GROUPS.get,
                                 key="form:angles_group")
-        shown = runs
+        shown = outcomes
         for name, column in zip(FILTERS, st.columns(4), strict=True):
-            values = sorted({r[name] for r in runs})
+            values = sorted({r[name] for r in outcomes})
             chosen = column.multiselect(f"only {GROUPS[name]}", values, placeholder="all",
                                         key=f"form:only_{name}")
             if chosen:
                 shown = [r for r in shown if r[name] in chosen]
     without = sum(r["migration_angle_deg"] is None for r in shown)
-    chart(charts.angles(shown, x, response, group), "angles", "angle of each run")
-    st.caption(f"{len(shown)} runs, {without} of them without an angle (stuck, unstable or failed)."
-               " Hollow: the motion had not settled at the row limit, the angle is not converged. "
-               "Bars: numerical uncertainty σ_num where it was studied. Runs of the same value "
+    chart(charts.angles(shown, x, response, group), "angles", "angle of each outcome")
+    st.caption(f"{len(shown)} outcomes, {without} of them without an angle (stuck, unstable or "
+               "failed). Hollow: undecided, the motion had not settled when its rows were spent. "
+               "Bars: numerical uncertainty σ_num where it was studied. Outcomes of the same value "
                "stand side by side."
                + (" Dotted: limits of zigzag (0.1) and bump (0.9)." if response == "share" else ""))
     st.markdown("**Modes**")
-    chart(charts.modes(shown, x), "modes", "number of runs in each mode")
-    with st.expander(f"The {len(shown)} runs"):
+    chart(charts.modes(shown, x), "modes", "number of outcomes in each mode")
+    with st.expander(f"The {len(shown)} outcomes"):
         frame(shown, {
-            "run_id": ("run", ""), "pillar_radius_um": ("P_r [µm]", "%.3g"),
+            "outcome_id": ("outcome", ""), "pillar_radius_um": ("P_r [µm]", "%.3g"),
             "gap_um": ("P_g [µm]", "%.3g"), "periodicity": ("N_p", ""),
             "stiffness_set": ("set", ""), "deformation_index": ("DI", "%.4f"),
             "cell_radius_um": ("R [µm]", "%.3g"), "migration_angle_deg": ("θ_m [°]", "%.2f"),
             "sigma_num_deg": ("σ_num [°]", "%.2f"), "mode": ("mode", ""),
-            "status": ("status", ""), "rows_completed": ("rows", "")}, "runs")
+            "status": ("status", ""), "releases": ("releases", ""),
+            "rows_total": ("rows", "")}, "outcomes")
 
 
 def _calibration(info: models.ModelInfo) -> None:

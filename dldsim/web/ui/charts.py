@@ -27,8 +27,9 @@ MODE = {"bump": ("#0072B2", "circle"), "mixed": ("#009E73", "diamond"),
         "zigzag": ("#D55E00", "triangle-up"), "none": ("#7F7F7F", "x")}  # fmt: skip
 SKY, BLUE, ORANGE, GREEN, GREY, PILLAR = (
     "#56B4E9", "#0072B2", "#E69F00", "#009E73", "#5F6368", "#C9CDD2")  # fmt: skip
+DECIDED = ("decided", "coexisting", "measured")
+"""Statuses of outcomes whose angle is known."""
 ORDERED = "Cividis"
-SETTLED = ("converged", "periodic")
 ROWS_SHOWN = 16
 """Rows of pillars that a drawing shows at most."""
 BINS = 12
@@ -431,13 +432,13 @@ def share(run: Row) -> float | None:
     return None if angle is None else tan(radians(angle)) * run["periodicity"]
 
 
-def angles(runs: Sequence[Row], x: str, response: str, group: str) -> go.Figure:
-    """Angle of each run over one parameter, grouped by mode or by another column.
+def angles(outcomes: Sequence[Row], x: str, response: str, group: str) -> go.Figure:
+    """Angle of each outcome over one parameter, grouped by mode or by another column.
 
-    Hollow: the motion had not settled, so the angle is not converged. Bars: σ_num. Runs of the same
-    x stand side by side.
+    Hollow: undecided, the motion had not settled. Bars: σ_num. Outcomes of the same x stand side by
+    side.
     """
-    known = [r for r in runs if r["migration_angle_deg"] is not None and r[x] is not None]
+    known = [r for r in outcomes if r["migration_angle_deg"] is not None and r[x] is not None]
     place = _side_by_side(known, x)
     figure = _figure(480, xaxis_title=AXES[x], yaxis_title=RESPONSES[response])
     groups = sorted({r[group] for r in known}, key=lambda v: (isinstance(v, str), v))
@@ -451,12 +452,12 @@ def angles(runs: Sequence[Row], x: str, response: str, group: str) -> go.Figure:
             bars = {"type": "data", "array": [r["sigma_num_deg"] or 0 for r in part],
                     "thickness": 1, "width": 2}
         figure.add_scatter(
-            x=[place[r["run_id"]] for r in part], mode="markers", name=str(value), error_y=bars,
+            x=[place[r["outcome_id"]] for r in part], mode="markers", name=str(value), error_y=bars,
             y=[share(r) if response == "share" else r[response] for r in part],
             marker={"color": colour, "size": 9, "line": {"color": colour, "width": 1.5},
-                    "symbol": [symbol if r["status"] in (*SETTLED, "measured")
+                    "symbol": [symbol if r["status"] in DECIDED
                                else symbol + "-open" for r in part]},
-            customdata=[[r["run_id"], r["pillar_radius_um"], r["gap_um"], r["periodicity"],
+            customdata=[[r["outcome_id"], r["pillar_radius_um"], r["gap_um"], r["periodicity"],
                          r["stiffness_set"], r["mode"], r["status"]] for r in part],
             hovertemplate="%{customdata[0]}<br>P_r %{customdata[1]:.4g} µm, P_g "
                           "%{customdata[2]:.4g} µm, N_p %{customdata[3]}, set %{customdata[4]}"
@@ -471,27 +472,27 @@ def angles(runs: Sequence[Row], x: str, response: str, group: str) -> go.Figure:
     return figure
 
 
-def _side_by_side(runs: Sequence[Row], x: str) -> dict[str, float]:
-    """Place of each run along x, spread over most of the distance of neighbouring values."""
-    values = sorted({r[x] for r in runs})
+def _side_by_side(outcomes: Sequence[Row], x: str) -> dict[str, float]:
+    """Place of each outcome along x, spread over most of the distance of neighbouring values."""
+    values = sorted({r[x] for r in outcomes})
     width = min((b - a for a, b in pairwise(values)), default=1.0) * 0.7
     place = {}
     for value in values:
-        same = sorted((r for r in runs if r[x] == value), key=lambda r: (
+        same = sorted((r for r in outcomes if r[x] == value), key=lambda r: (
             r["periodicity"], r["gap_um"], r["pillar_radius_um"], r["stiffness_set"]))
-        for k, run in enumerate(same):
-            place[run["run_id"]] = value + width * ((k + 0.5) / len(same) - 0.5)
+        for k, outcome in enumerate(same):
+            place[outcome["outcome_id"]] = value + width * ((k + 0.5) / len(same) - 0.5)
     return place
 
 
-def modes(runs: Sequence[Row], x: str) -> go.Figure:
-    """How many runs end in each mode, over one parameter."""
-    values = sorted({r[x] for r in runs if r[x] is not None})
+def modes(outcomes: Sequence[Row], x: str) -> go.Figure:
+    """How many outcomes end in each mode, over one parameter."""
+    values = sorted({r[x] for r in outcomes if r[x] is not None})
     labels = [f"{v:.4g}" for v in values]
-    figure = _figure(330, barmode="stack", xaxis_title=AXES[x], yaxis_title="runs",
+    figure = _figure(330, barmode="stack", xaxis_title=AXES[x], yaxis_title="outcomes",
                      xaxis_type="category")
     for mode, (colour, _) in MODE.items():
-        counts = [sum(r[x] == v and r["mode"] == mode for r in runs) for v in values]
+        counts = [sum(r[x] == v and r["mode"] == mode for r in outcomes) for v in values]
         if any(counts):
             figure.add_bar(x=labels, y=counts, name=mode if mode != "none" else "no angle",
                            marker={"color": colour, "pattern": {

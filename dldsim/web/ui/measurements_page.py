@@ -110,16 +110,16 @@ def _plain_value(name: str, value: Any) -> Any:
 
 def _upload(info: models.ModelInfo) -> None:
     most = int(info.limits.get("upload_max_bytes", 0)) or None
-    st.write("Bring the table `runs` that a campaign of your own wrote, as CSV or Parquet. Its "
+    st.write("Bring the table `outcomes` that a campaign of your own wrote, as CSV or Parquet. Its "
              "columns are checked, and a surrogate is fitted to it. With its `calibration` cell "
              "types can be named by stiffness set and designs be verified; with its `flows` "
              "pressure drops are known.")
     megabytes = most and max(1, most // 1024**2)
     files = {}
-    for kind, column in zip(("runs", "calibration", "flows"), st.columns(3), strict=True):
+    for kind, column in zip(("outcomes", "calibration", "flows"), st.columns(3), strict=True):
         with column:
             given = st.file_uploader(
-                kind if kind == "runs" else f"{kind}, if wanted", type=["csv", "parquet"],
+                kind if kind == "outcomes" else f"{kind}, if wanted", type=["csv", "parquet"],
                 key=f"upload_{kind}", max_upload_size=megabytes)
             if given is not None:
                 files[kind] = (given.name, given.getvalue())
@@ -132,7 +132,7 @@ def _upload(info: models.ModelInfo) -> None:
     at_field("upload", "name")
     parts.show_problem("upload")
     if st.button("Upload and fit", type="primary", icon=":material/upload:",
-                 disabled="runs" not in files):
+                 disabled="outcomes" not in files):
         parts.clear("upload")
         try:
             _remember(client.upload(name, files))

@@ -237,16 +237,16 @@ def provenance(found: models.Provenance) -> None:
               "measurements": "simulations and measured angles"}[found.origin]
     measured = f", {found.measured} of them measured on devices" if found.measured else ""
     st.caption(
-        f":material/database: **{plain(found.campaign_name)}** ({origin}): {found.runs} runs, "
-        f"{found.used} learnt from{measured}, {found.geometries} arrays · physics version "
-        f"{found.physics_version} · dldsim {plain(found.dldsim_version)} · model "
+        f":material/database: **{plain(found.campaign_name)}** ({origin}): {found.outcomes} "
+        f"outcomes, {found.used} learnt from{measured}, {found.geometries} arrays · physics "
+        f"version {found.physics_version} · dldsim {plain(found.dldsim_version)} · model "
         f"`{found.model_sha256[:12] or 'none'}`")
     for warning in found.warnings:
         st.caption(f":material/warning: {plain(warning)}")
     with st.expander("Provenance"):
         scores = found.scores_by_geometry
         rows = {
-            "data learnt from, SHA-256": found.runs_sha256, "surrogate, SHA-256":
+            "data learnt from, SHA-256": found.outcomes_sha256, "surrogate, SHA-256":
             found.model_sha256, "fitted by": ", ".join(f"{k} {v}" for k, v in
                                                        found.fitted_by.items()),
             "campaign id": found.campaign or "the service's own",
