@@ -45,6 +45,8 @@ MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
 SPANS, NO_ANGLE = "spans the modes", "no angle"
 """How the text beside a σ_num begins."""
 DECIDED, BUMP = "decided", "bump"
+OPEN = ("undecided", "coexisting")
+"""Outcomes whose mode depends on what was not seen, or on the place of entry."""
 SIDES = "bump lane", "no bump lane"
 KNOWN = (DECIDED, *SETTLED)
 """Statuses of an outcome, and of a run, whose motion is known."""
