@@ -1,6 +1,6 @@
 """What a campaign costs on N nodes, from the results of another one.
 
-``python -m benchmarks.campaign_cost results [--preset paper full] [--outcomes 20000] [--nodes 1 4]``
+``python -m benchmarks.campaign_cost results [--preset paper full] [--outcomes 9999] [--nodes 1 4]``
 
 From ``results``: rows that a cell needs per N_p, steps of flows and passages, time of the analysis.
 From the command line, or the defaults as measured (docs/scale.md): speed of the kernels, start of
@@ -187,7 +187,8 @@ def main() -> None:
             last, geometries=geometries, outcomes=outcomes)
     rows = [
         {"campaign": name, "outcomes": work.outcomes, "outcome_s": work.outcome_s,
-         "core_h": work.core_s / 3600, "slurm": [on_slurm(work, speed, n, given.cores, given.batch, given.width)
+         "core_h": work.core_s / 3600,
+         "slurm": [on_slurm(work, speed, n, given.cores, given.batch, given.width)
                    for n in given.nodes]}
         for name, work in works.items()
     ]  # fmt: skip
