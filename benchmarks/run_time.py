@@ -99,7 +99,7 @@ def account(text: str, rows: int, rounds: int) -> dict:
         clock = [time.process_time()]
         result = simulate_run(
             geometry, STIFFNESS, Cell(), Flow(), numerics,
-            RunControl(max_rows=rows, orbit_tolerance=1e-9), run_id="r00.0_g00.0_n00_s0",
+            RunControl(max_rows=rows, min_rows=rows), run_id="r00.0_g00.0_n00_s0",
             stiffness_set="0", empty_flow=flow,
         )  # fmt: skip
         clock.append(time.process_time())

@@ -27,8 +27,6 @@ SECTIONS = {ANGLE: ("numerics", "run_control", "cell"), INDEX: ("constriction", 
 """Where a knob may live; the first that has it counts."""
 REPLAYED = ("orbit_tolerance", "max_rows")
 START, RELEASE = "release_gap_fraction", "release_position_um"
-NEVER = 1e-9
-"""An orbit tolerance that no motion meets: the long run goes on to its last row."""
 SETTLED = ("converged", "periodic", "stationary")
 
 
@@ -120,7 +118,7 @@ def changes(variant: Variant, config: Config) -> dict[str, Any]:
     quantity = quantity_of(variant.run)
     study = getattr(config.accuracy, quantity)
     changed = {
-        DEFAULT: dict, LONG: lambda: {"orbit_tolerance": NEVER, "max_rows": study.long_rows},
+        DEFAULT: dict, LONG: lambda: {"min_rows": study.long_rows, "max_rows": study.long_rows},
         SETTING: lambda: dict([*study.alternatives.values()][variant.rank]),
         REFERENCE: lambda: dict(study.reference),
     }.get(variant.knob, lambda: {variant.knob: study.knobs[variant.knob][variant.rank]})()

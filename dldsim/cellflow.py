@@ -21,13 +21,15 @@ from dldsim.coupling import (
     locate,
     make_domain,
     make_stencil,
-    spread,
 )
+from dldsim.errors import DldsimError
 from dldsim.flow import Fluid
 from dldsim.lattice import damp_staggered_momentum, stream_collide
 from dldsim.membrane import (
     Energies,
+    Membrane,
     Moduli,
+    Scratch,
     elastic_forces,
     energies,
     make_membrane,
@@ -35,6 +37,7 @@ from dldsim.membrane import (
     measure_faces,
 )
 from dldsim.mesh import area, frequency_for_edge, make_shape
+from dldsim.mirror import NO_MIRROR, half_of, reflect, spread_both
 from dldsim.units import Units
 
 REFERENCE_VERTEX_AREA_UM2 = 490.27 / 1962
@@ -48,6 +51,13 @@ STABLE_GAIN = 0.6
 """Of dashpots or drag in one step, after the running mean: 0.7 held, 1.4 diverged."""
 LINGERING = 0.1
 """The same part at most for kernels that feed staggered momentum, which answers every step."""
+MEMBRANE_SLIP = 0.125
+"""Velocity of vertices through the fluid over f/ν, f the force density that lasts at them, lattice
+units. It offsets part of what the kernel adds to a membrane's size (`validate hydrodynamic-radius`)
+and is what leapfrog alone does at a relaxation time of 1.25, where capsules in shear were held
+against the boundary integral."""
+LASTING_BLEND = 0.05
+"""Part of the running mean of that force density that each step replaces."""
 ITERATIONS = 50
 STRAIN = 1e-5
 """Displacement, in nodes, of the differences that stand for a stiffness."""
@@ -59,19 +69,24 @@ CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corre
 class Drive(NamedTuple):
     """Control of the body force: f += gain · (target - mean velocity), x and y.
 
-    ``gain`` (2, 2); ``target`` (2,); ``nodes`` of fluid and ``cells`` of the whole box.
+    ``gain`` (2, 2); ``target`` (2,); ``nodes`` of fluid and ``volume`` of the box; ``middle``:
+    nodes of a column whose last one is on a mirror and counts half, 0 if there is none.
     """
 
     gain: np.ndarray
     target: np.ndarray
     nodes: int
-    cells: int
+    volume: float
+    middle: int
 
 
 class Body(NamedTuple):
     """State of the membrane: position, velocity and force of the vertices (V, 3).
 
-    ``smooth``: running mean of the velocity on which dashpots (no-slip) or drag act.
+    ``smooth``: running mean of the velocity on which dashpots (no-slip) or drag act; no-slip:
+    ``kick`` is the force density of the step at the vertices, ``lasting`` its running mean. Of half
+    a membrane ``force``, ``drag``, ``kick`` and ``lasting`` are those of its computed vertices; the
+    images that follow in the others are renewed by `mirror.reflect`.
     """
 
     x: np.ndarray
@@ -79,6 +94,8 @@ class Body(NamedTuple):
     smooth: np.ndarray
     force: np.ndarray
     drag: np.ndarray
+    kick: np.ndarray
+    lasting: np.ndarray
 
 
 @jit
@@ -89,7 +106,10 @@ def mean_velocity(velocity, drive, mean):
         total = 0.0
         for i in range(drive.nodes):
             total += velocity[d * stride + i]
-        mean[d] = total / drive.cells
+        if drive.middle:
+            for i in range(drive.middle - 1, drive.nodes, drive.middle):
+                total -= 0.5 * velocity[d * stride + i]
+        mean[d] = total / drive.volume
 
 
 @jit
@@ -104,23 +124,27 @@ def control_force(velocity, drive, parameters, mean):
 @jit
 def advance_no_slip(
     start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, before, blend,
+    body, membrane, moduli, scratch, mirror, stencil, domain, contact, drive, mean, before, blend,
+    slip,
 ):  # fmt: skip
     """An even number of steps, from the even step ``start``, with vertices moving with the fluid
     (Peskin 2002).
 
     Leapfrog: a vertex moves with the velocity half a step ahead, which holds the whole force of
     the step. With that of the present, half the force, every elastic mode would grow by ω²/4 per
-    step but for viscosity. ``before``: room for populations, of which staggered momentum is damped
+    step but for viscosity. A force that lasts makes of the half step a slip through the fluid that
+    grows with the relaxation time: of its running mean the vertices get the part ``slip`` instead
+    (MEMBRANE_SLIP over ν). ``before``: room for populations, of which staggered momentum is damped
     now and then. Dashpots act on a running mean of the velocity, of which each step replaces the
     part ``blend``.
     """
     for step in range(steps):
+        reflect(body.x, body.v, body.smooth, mirror)
         elastic_forces(body.x, body.smooth, membrane, moduli, scratch, body.force)
         contact_forces(body.x, contact, body.force)
         locate(body.x, domain, stencil)
         force[:] = 0.0
-        spread(body.force, stencil, force)
+        spread_both(body.force, stencil, domain, mirror, force)
         damping = (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
         if damping:
             before[:] = f_new
@@ -128,9 +152,12 @@ def advance_no_slip(
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-        interpolate(velocity, force, 0.5, stencil, body.v)
-        for i in range(body.x.shape[0]):
+        interpolate(velocity, force, 0.0, stencil, body.v)
+        interpolate(force, force, 0.0, stencil, body.kick)
+        for i in range(body.force.shape[0]):
             for d in range(3):
+                body.lasting[i, d] += LASTING_BLEND * (body.kick[i, d] - body.lasting[i, d])
+                body.v[i, d] += 0.5 * body.kick[i, d] + (slip - 0.5) * body.lasting[i, d]
                 body.x[i, d] += body.v[i, d]
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
@@ -142,8 +169,8 @@ def advance_no_slip(
 @jit
 def advance_dissipative(
     start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, stencil, domain, contact, drive, mean, before, friction,
-    mass, blend,
+    body, membrane, moduli, scratch, mirror, stencil, domain, contact, drive, mean, before,
+    friction, mass, blend,
 ):  # fmt: skip
     """An even number of steps, from the even step ``start``, with vertices of given mass dragged by
     the fluid.
@@ -153,22 +180,23 @@ def advance_dissipative(
     carries the force of the previous step.
     """
     for step in range(steps):
-        for i in range(body.x.shape[0]):
+        for i in range(body.force.shape[0]):
             for d in range(3):
                 body.v[i, d] += body.force[i, d] / (2.0 * mass)
                 body.x[i, d] += body.v[i, d]
+        reflect(body.x, body.v, body.smooth, mirror)
         elastic_forces(body.x, body.v, membrane, moduli, scratch, body.force)
         contact_forces(body.x, contact, body.force)
         locate(body.x, domain, stencil)
         interpolate(velocity, force, 0.0, stencil, body.drag)
-        for i in range(body.x.shape[0]):
+        for i in range(body.force.shape[0]):
             for d in range(3):
                 body.smooth[i, d] += blend * (body.drag[i, d] - body.smooth[i, d])
                 body.drag[i, d] = friction * (body.v[i, d] - body.smooth[i, d])
                 body.force[i, d] -= body.drag[i, d]
                 body.v[i, d] += body.force[i, d] / (2.0 * mass)
         force[:] = 0.0
-        spread(body.drag, stencil, force)
+        spread_both(body.drag, stencil, domain, mirror, force)
         damping = (start + step) % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
         if damping:
             before[:] = f_new
@@ -241,24 +269,29 @@ def largest_gain(scene: "CellInFlow", push) -> float:
 
     ``push(mode, force)`` fills the forces (V, 3) that vertex displacements or velocities (V, 3)
     cause, −A mode; W = J Jᵀ is the velocity that unit forces, spread to the fluid (Jᵀ), give back
-    to the vertices (J) within the step.
+    to the vertices (J) within the step. Half a scene has symmetric modes only.
     """
     x, stencil = scene.body.x, scene.stencil
     locate(x, scene.domain, stencil)
-    mode = np.random.default_rng(0).normal(size=x.shape)
-    force, answer = np.zeros_like(x), np.zeros_like(x)
+    mode = np.random.default_rng(0).normal(size=scene.positions().shape)
+    share, still = 1.0, x.copy()
+    if scene.half:
+        mode, share = scene.half.fold(mode), scene.half.share
+    force, answer = np.zeros_like(scene.body.force), np.zeros_like(scene.body.force)
+    count = len(force)
     density, nothing = np.zeros_like(scene.fluid.force), np.zeros_like(scene.fluid.force)
     gain = 0.0
     for _ in range(ITERATIONS):
         mode *= STRAIN / np.linalg.norm(mode)
         push(mode, force)
         density[:] = 0
-        spread(force, stencil, density)
+        spread_both(force, stencil, scene.domain, scene.mirror, density)
         interpolate(density, nothing, 0.0, stencil, answer)
         # Rayleigh quotient in the norm of A, in which W A is self-adjoint.
-        work = np.vdot(force, mode)
-        gain = -np.vdot(force, answer) / work if work else 0.0
-        mode[:] = answer
+        work = np.vdot(share * force, mode[:count])
+        gain = -np.vdot(share * force, answer) / work if work else 0.0
+        mode[:count] = answer
+        reflect(still, mode, mode, scene.mirror)
     return float(gain)
 
 
@@ -273,7 +306,7 @@ def velocity_blend(scene: "CellInFlow") -> float:
     if scene.numerics.coupling == "dissipative":
 
         def push(mode, force):
-            force[:] = -scene.friction * mode
+            force[:] = -scene.friction * mode[: len(force)]
     elif scene.moduli.kvisc:
         alone = Moduli(0.0, 0.0, 0.0, 0.0, 0.0, scene.moduli.kvisc)
 
@@ -369,15 +402,22 @@ class CellInFlow:
         vertices, faces = self._make(frequency_for_edge(probe, numerics.edge_to_spacing))
         self.membrane = make_membrane(vertices, faces)
         self.scratch = make_scratch(self.membrane)
+        self.half, self.mirror = None, NO_MIRROR
+        v = computed = len(vertices)
+        if fluid.lattice.half:
+            self.half = half_of(vertices, self.membrane, self.scratch)
+            self.membrane, self.scratch = self.half.membrane, self.half.scratch
+            self.mirror = self.half.mirror
+            vertices, computed = vertices[self.half.vertex], len(self.half.share)
         self.stiffness = stiffness
         self.moduli = self.moduli_in(units)
         self.radius_um = cell.radius_um
-        v = len(vertices)
         lattice = fluid.lattice
         self.body = Body(
-            vertices.copy(), *(np.zeros((v, 3)) for _ in range(4))
+            vertices.copy(), *(np.zeros_like(vertices) for _ in range(2)),
+            *(np.zeros((computed, 3)) for _ in range(4)),
         )  # fmt: skip
-        self.stencil = make_stencil(v, numerics.kernel, fluid.dtype)
+        self.stencil = make_stencil(computed, numerics.kernel, fluid.dtype)
         self.domain = make_domain(lattice, fluid.dtype)
         # Friction, mass and contact belong to a patch of membrane, whatever the mesh.
         self.density = self.membrane.rest_area * spacing**2 / v / REFERENCE_VERTEX_AREA_UM2
@@ -391,24 +431,40 @@ class CellInFlow:
             "channel": False, "profile": np.zeros((2, 1)), "centre": 0.0, "length": 1.0,
         }  # fmt: skip
         self.contact = Contact(
-            strength=np.full(v, strength),
+            strength=np.full(len(vertices), strength),
             exponent=CONTACT_EXPONENT,
             reach=reach,
             core=min(core, reach),
             **{**no_surface, **contact_surfaces},
         )
         gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
-        self.drive = Drive(gain, np.asarray(target, float), lattice.nodes, lattice.cells)
+        self.drive = Drive(
+            gain, np.asarray(target, float), lattice.nodes, float(lattice.volume),
+            lattice.nz * lattice.split,
+        )  # fmt: skip
         self._mean = np.zeros(2)
         self._before = np.zeros_like(fluid.f)
         self.friction = units.friction(numerics.friction_nN_s_per_m) * self.density
+        self.slip = MEMBRANE_SLIP / units.viscosity_lu
         self.mass = vertex_mass(self.friction, self.moduli)
         self._centre = np.zeros(3)
         self.steps = 0
 
     @property
     def vertices(self) -> int:
-        return len(self.body.x)
+        """Number of vertices that are computed."""
+        return len(self.body.force)
+
+    @property
+    def surface(self) -> tuple[Membrane, Scratch]:
+        """The whole membrane, whose vertices are at `positions`, and work space for it."""
+        if self.half:
+            return self.half.whole, self.half.whole_scratch
+        return self.membrane, self.scratch
+
+    def positions(self) -> np.ndarray:
+        """Positions (V, 3) of the vertices of the whole membrane."""
+        return self.half.unfold(self.body.x, self.mirror.height) if self.half else self.body.x
 
     def moduli_in(self, units: Units) -> Moduli:
         """Membrane coefficients in lattice units; k_v as far as the explicit step carries it."""
@@ -419,11 +475,23 @@ class CellInFlow:
         return Moduli(**(moduli | {"kv": kv}))
 
     def place(self, centre) -> None:
-        """Move the resting cell to ``centre`` (3,), where it takes the velocity of the fluid."""
-        body = self.body
+        """Move the resting cell to ``centre`` (3,), where it takes the velocity of the fluid.
+
+        Raises DldsimError for a place off the mirror, if there is one.
+        """
+        body, lattice = self.body, self.fluid.lattice
         body.x[:] += np.asarray(centre) - self._centroid()
+        if self.half:
+            if centre[2] != lattice.height / 2:
+                raise DldsimError(
+                    f"A cell at a height of {centre[2]:g} nodes has no half: allowed is "
+                    f"{lattice.height / 2:g}, half the channel's. Set numerics.half_scene: false."
+                )
+            self.mirror = self.mirror._replace(height=float(centre[2]))
+            reflect(body.x, body.v, body.smooth, self.mirror)
         locate(body.x, self.domain, self.stencil)
         interpolate(self.fluid.velocity, self.fluid.force, 0.0, self.stencil, body.v)
+        reflect(body.x, body.v, body.smooth, self.mirror)
         body.smooth[:] = body.v
         self.blend = velocity_blend(self)
 
@@ -433,36 +501,41 @@ class CellInFlow:
         state = (
             fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.lattice.streaming,
             fluid.parameters, fluid.inertia, fluid.buffer, self.body, self.membrane, self.moduli,
-            self.scratch, self.stencil, self.domain, self.contact, self.drive, self._mean,
-            self._before,
+            self.scratch, self.mirror, self.stencil, self.domain, self.contact, self.drive,
+            self._mean, self._before,
         )  # fmt: skip
         if self.numerics.coupling == "no-slip":
-            advance_no_slip(self.steps, steps, *state, self.blend)
+            advance_no_slip(self.steps, steps, *state, self.blend, self.slip)
         else:
             advance_dissipative(self.steps, steps, *state, self.friction, self.mass, self.blend)
         self.steps += steps
 
     def _centroid(self) -> np.ndarray:
-        centroid(self.body.x, self.membrane.faces, self._centre)
+        centroid(self.positions(), self.surface[0].faces, self._centre)
         return self._centre.copy()
 
     def sample(self) -> Sample:
         """Record the present state."""
-        size, volume = measure_faces(self.body.x, self.scratch)
+        x, velocity = self.positions(), self.body.v
+        if self.half:
+            velocity = self.half.unfold(velocity)
+        membrane, scratch = self.surface
+        size, volume = measure_faces(x, scratch)
         mean_velocity(self.fluid.velocity, self.drive, self._mean)
         return Sample(
             self.steps,
             self._centroid(),
-            self.body.v.mean(axis=0),
-            np.ptp(self.body.x, axis=0),
-            volume / self.membrane.rest_volume,
-            size / self.membrane.rest_area,
-            clearance(self.body.x, self.contact),
+            velocity.mean(axis=0),
+            np.ptp(x, axis=0),
+            volume / membrane.rest_volume,
+            size / membrane.rest_area,
+            clearance(x, self.contact),
             float(fastest(self.fluid.velocity, self.fluid.lattice.nodes)),
             self._mean.copy(),
-            inverted_faces(self.scratch.normals, self.membrane) / len(self.membrane.faces),
+            inverted_faces(scratch.normals, membrane) / len(membrane.faces),
         )
 
     def energies(self) -> Energies:
         """Elastic energy of each term, lattice units."""
-        return energies(self.body.x, self.membrane, self.moduli, self.scratch)
+        membrane, scratch = self.surface
+        return energies(self.positions(), membrane, self.moduli, scratch)

@@ -119,6 +119,9 @@ class Numerics(Section):
     bounce_back: Literal["half-way", "interpolated"] = Field(
         "interpolated", description="treatment of the pillar surface"
     )
+    half_scene: bool = Field(
+        True, description="compute half of the height between plates and mirror the rest"
+    )
     rows: int = Field(2, ge=1, description="pillar rows in the domain (1 … N_p)")
     lanes: int = Field(1, ge=1, description="pillars per row in the domain")
     coupling: Literal["no-slip", "dissipative"] = Field(
@@ -154,8 +157,31 @@ class RunControl(Section):
     """Where runs begin, when they record and when they stop."""
 
     max_rows: int = Field(50, ge=2, description="most rows that a cell is followed from a release")
+    min_rows: int = Field(
+        0, ge=0, description="least rows that a cell is followed, settled or not"
+    )
     orbit_tolerance: float = Field(
-        0.03, gt=0, lt=1, description="orbit repeats within this fraction of the row shift"
+        0.03,
+        gt=0,
+        lt=1,
+        description="resolution of a lateral position / row shift: an orbit that returns within it "
+        "repeats",
+    )
+    still_rows: int = Field(
+        8, ge=2, description="rows that a cell rests in the bump lane until it counts as settled"
+    )
+    mean_tolerance: float = Field(
+        0.05,
+        gt=0,
+        lt=1,
+        description="half-width of the 95 % interval of the mean lateral step / row shift with "
+        "which a motion without orbit counts as settled",
+    )
+    capture_chance_max: float = Field(
+        0.001,
+        gt=0,
+        lt=1,
+        description="chance per row of another motion below which that is excluded",
     )
     records_per_row: int = Field(20, ge=4, description="trajectory samples per row")
     release_gap_fractions: list[Place] = Field(
@@ -410,6 +436,10 @@ class Verification(Section):
     )
     height_runs: bool = Field(
         True, description="simulate the best design at ± height_tolerance_um too"
+    )
+    finer_designs: int = Field(
+        1, ge=0, description="designs that separate, best first, simulated once more on the next "
+        "finer lattice at half the numerical Reynolds number; no other counts as separating"
     )
     exports: int = Field(1, ge=0, description="best verified designs whose files are written")
     outcomes_max: int = Field(20, ge=2, description="outcomes at most, two for each array")

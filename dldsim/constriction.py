@@ -76,7 +76,9 @@ def make_channel(channel: Constriction, numerics: Numerics) -> Channel:
     at = np.interp(np.arange(nx) + 0.5, x, half)
     y = np.arange(width + 1) + 0.5 - (1 + width / 2)
     solid = np.abs(y)[None, :] > at[:, None]
-    lattice = make_lattice(solid, height, walls=True, dtype=np.dtype(numerics.precision))
+    lattice = make_lattice(
+        solid, height, walls=True, half=numerics.half_scene, dtype=np.dtype(numerics.precision)
+    )
     return Channel(spacing, width, throat_width, height, (x[2], x[3]), np.stack([x, half]), lattice)
 
 

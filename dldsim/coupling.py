@@ -11,7 +11,7 @@ import numpy as np
 
 from dldsim._numba import aligned_zeros, jit, restrict
 from dldsim.geometry import pillar_distance
-from dldsim.lattice import Lattice, neighbour
+from dldsim.lattice import Lattice, held, neighbour
 
 REACH = 4
 """Nodes of the widest kernel along one axis: how far the tables of a domain go beyond its ends."""
@@ -21,8 +21,10 @@ class Domain(NamedTuple):
     """Where lattice nodes are; see :class:`dldsim.lattice.Lattice`.
 
     ``first`` ((nx + REACH) * width,): first node of a column, ``fluid``: whether it holds fluid, 1
-    or 0; ``level`` (nz + 2 REACH): height of a node from REACH below the floor on, ``between``:
-    whether it is between plates, 1 or 0. ``width`` is ny + REACH.
+    or 0; ``level`` (nz + 2 REACH): height of a node from REACH below the floor on, or of its image
+    if it is beyond a mirror; ``between``: whether it is between plates, 1 or 0; ``upright``: the
+    same for components along z, which a mirror reverses, 0 on it. ``width`` is ny + REACH;
+    ``nodes`` of fluid; ``split``: the mirror passes through the last layer.
     """
 
     nx: int
@@ -35,6 +37,9 @@ class Domain(NamedTuple):
     fluid: np.ndarray
     level: np.ndarray
     between: np.ndarray
+    upright: np.ndarray
+    nodes: int
+    split: bool
 
 
 def make_domain(lattice: Lattice, dtype=np.float64) -> Domain:
@@ -43,11 +48,14 @@ def make_domain(lattice: Lattice, dtype=np.float64) -> Domain:
     ix, iy = np.indices((nx + REACH, ny + REACH)).reshape(2, -1)
     column = lattice.column[neighbour((nx, ny), lattice.row_shift, ix, iy, 0, 0)]
     z = np.arange(-REACH, nz + REACH)
-    between = (z >= 0) & (z < nz) | (not lattice.walls)
+    layer = held(z, nz, lattice.height)
+    between = (layer >= 0) & (layer < nz) | (not lattice.walls)
+    sign = np.where(layer == z, 1.0, -1.0) * ~((z == nz - 1) & lattice.split)
     return Domain(
         nx, ny, nz, lattice.row_shift, lattice.walls, ny + REACH,
         (np.maximum(column, 0) * nz).astype(np.uint32), (column >= 0).astype(dtype),
-        np.where(between, z % nz, 0).astype(np.uint32), between.astype(dtype),
+        np.where(between, layer % nz, 0).astype(np.uint32), between.astype(dtype),
+        (sign * between).astype(dtype), lattice.nodes, lattice.split,
     )  # fmt: skip
 
 
@@ -206,7 +214,8 @@ def _multiply(domain, stencil):
     column, column_weight = stencil.column, stencil.column_weight
     level, level_weight = stencil.level, stencil.level_weight
     weight, place = stencil.axis_weight, stencil.place
-    first, fluid, height, between = domain.first, domain.fluid, domain.level, domain.between
+    first, fluid, height = domain.first, domain.fluid, domain.level
+    between, upright = domain.between, domain.upright
     width = np.uint64(domain.width)
     for v in range(column.shape[0]):
         r = 0
@@ -235,7 +244,7 @@ def _multiply(domain, stencil):
         for q in range(m):
             i = place[4, v] + np.uint64(q)
             level[v, n + q] = height[i]
-            level_weight[v, n + q] = between[i] * weight[5, q, v]
+            level_weight[v, n + q] = upright[i] * weight[5, q, v]
 
 
 @restrict
@@ -262,7 +271,8 @@ def spread(force, stencil, field):
 
 @restrict
 def interpolate(velocity, force, ahead, stencil, vertex_velocity):
-    """Velocity (V, 3) of the fluid at the vertices, ``ahead`` steps after the present.
+    """Velocity (V, 3) of the fluid at the vertices of the stencil, ``ahead`` steps after the
+    present.
 
     ``velocity``, ``force`` (3 * stride,): fields of velocity and force density. The force changes
     the momentum by itself in one step.
@@ -273,7 +283,7 @@ def interpolate(velocity, force, ahead, stencil, vertex_velocity):
     level, level_weight = stencil.level, stencil.level_weight
     precision = column_weight.dtype.type
     ahead = precision(ahead)
-    for v in range(vertex_velocity.shape[0]):
+    for v in range(column.shape[0]):
         for d in range(2):
             total = precision(0)
             for r in range(d * m * n, (d + 1) * m * n):
@@ -289,6 +299,16 @@ def interpolate(velocity, force, ahead, stencil, vertex_velocity):
                 i = first + level[v, q]
                 total += w * level_weight[v, q] * (velocity[i] + ahead * force[i])
         vertex_velocity[v, 2] = total
+
+
+@jit
+def add_images(field, domain):
+    """Add what images beyond a mirror spread to a layer on it: as much as the vertices did."""
+    if domain.split:
+        stride = len(field) // 3
+        for d in range(2):
+            for i in range(domain.nz - 1, domain.nodes, domain.nz):
+                field[d * stride + i] += field[d * stride + i]
 
 
 class Contact(NamedTuple):
@@ -353,8 +373,9 @@ def channel_distance(x, y, contact):
 
 @jit
 def contact_forces(x, contact, force):
-    """Add the repulsion from pillars, plates and channel walls to ``force`` (V, 3)."""
-    for v in range(x.shape[0]):
+    """Add the repulsion from pillars, plates and channel walls to ``force`` (V, 3), for at least
+    as many positions."""
+    for v in range(force.shape[0]):
         a = contact.strength[v]
         if contact.pillars:
             r, ux, uy = pillar_distance(

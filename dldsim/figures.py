@@ -122,6 +122,20 @@ def mode_points(outcomes: pd.DataFrame, aspect_ratio: float) -> pd.DataFrame:
     return points
 
 
+def row_map(run) -> tuple[np.ndarray, np.ndarray]:
+    """Position before each row and its lateral step, (rows,) each.
+
+    Positions midway between rows are heights over the gap: 0 to 1 in the gap, −2 P_r/P_g to 0
+    behind its lower pillar. Steps are in row shifts.
+    """
+    total = cumulated_row_shifts(run)
+    rows = np.arange(len(total) - 1)
+    row_shift = run["pitch_um"] * run["row_shift_fraction"]
+    height = run["release_gap_fraction"] + (total[:-1] - rows) * row_shift / run["gap_um"]
+    pillar = 2 * run["pillar_radius_um"] / run["gap_um"]
+    return (height + pillar) % (1 + pillar) - pillar, np.diff(total)
+
+
 def cumulated_row_shifts(run) -> np.ndarray:
     """Lateral position after each row in units of the row shift ελ, starting at 0, (rows + 1,).
 
@@ -411,6 +425,36 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
     if runs["status"].isin(["stuck", "unstable", "failed"]).any():
         handles.append(key("black", "x", label="run broke off here"))
     legend(figure, handles, ncols=7)
+    return figure
+
+
+@styled
+def draw_row_maps(runs: pd.DataFrame) -> Figure:
+    """Lateral step of each row against the position in the gap, a panel per geometry.
+
+    Nearly a curve per run. Where it reaches one row shift there is a bump lane; how far it stays
+    below is the distance from the transition.
+    """
+    panels = list(runs.groupby(["pillar_radius_um", "gap_um", "periodicity"]))
+    columns = min(3, len(panels))
+    lines = -(-len(panels) // columns)
+    figure = Figure(figsize=(3.3 * columns, 2.7 * lines), layout="constrained")
+    grid = figure.subplots(lines, columns, squeeze=False, sharey=True)
+    for axes, ((radius, gap, periodicity), group) in zip(grid.flat, panels, strict=False):
+        colours = shades_of(group["run_id"])
+        axes.axvspan(-2 * radius / gap, 0, color=PILLAR, linewidth=0)
+        axes.axhline(1, linestyle=":", color="black", linewidth=1)
+        for _, run in group.iterrows():
+            height, steps = row_map(run)
+            axes.plot(height, steps, ".", color=colours[run["run_id"]], markersize=4,
+                      label=f"set {run['stiffness_set']}, {run['release_gap_fraction']:g}")
+        axes.set(xlim=(-2 * radius / gap, 1), xlabel="height in gap (grey: pillar)")
+        axes.set_title(f"$P_r$ = {radius:g}, $P_g$ = {gap:g} µm, $N_p$ = {periodicity}")
+        axes.legend(title="stiffness, release", loc="lower right", fontsize=7, title_fontsize=7)
+    for axes in grid.flat[len(panels):]:
+        axes.set_visible(False)
+    for axes in grid[:, 0]:
+        axes.set_ylabel(r"lateral step / $\varepsilon\lambda$")
     return figure
 
 

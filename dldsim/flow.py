@@ -85,15 +85,20 @@ class Fluid:
         self.steps += steps
 
     def velocity_field(self) -> np.ndarray:
-        """Velocity (3, columns, nz)."""
+        """Velocity (3, columns, nz), below the mirror if there is one."""
         lattice = self.lattice
         u = self.velocity.reshape(3, lattice.stride)[:, : lattice.nodes]
         return u.reshape(3, lattice.columns, lattice.nz)
 
     def mean_velocity(self) -> np.ndarray:
         """Velocity averaged over the whole box, solid included (3,)."""
-        total = self.velocity_field().sum(axis=(1, 2), dtype=np.float64)
-        return total / self.lattice.cells
+        lattice, u = self.lattice, self.velocity_field()
+        total = u.sum(axis=(1, 2), dtype=np.float64)
+        if lattice.split:
+            total -= 0.5 * u[:, :, -1].sum(axis=1, dtype=np.float64)
+        if lattice.half:
+            total[2] = 0.0  # the other half moves the other way
+        return total / lattice.volume
 
 
 def advance_to_steady(fluid: Fluid, length: float, progress=None) -> None:

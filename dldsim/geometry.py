@@ -25,7 +25,10 @@ they feed staggered momentum as soon as a membrane comes near. Of runs with colu
 
 @dataclass(frozen=True)
 class ArrayLattice:
-    """Discrete unit cell: ``rows`` × ``lanes`` pillars; lengths in nodes unless named otherwise."""
+    """Discrete unit cell: ``rows`` × ``lanes`` pillars; lengths in nodes unless named otherwise.
+
+    ``height`` is that of the channel; the lattice may hold its lower half only.
+    """
 
     spacing_um: float
     pitch: int
@@ -47,6 +50,15 @@ def whole_shift_spacing(geometry: Geometry, spacing_um: float) -> tuple[float, i
     shift_um = geometry.pitch_um / geometry.periodicity
     nodes = max(1, math.ceil(shift_um / (COARSER_ALLOWED * spacing_um) - 1e-9))
     return shift_um / nodes, nodes
+
+
+def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
+    """Numerics on the next finer lattice that the row shift allows, at half the numerical Re."""
+    shift_um = geometry.pitch_um / geometry.periodicity
+    _, nodes = whole_shift_spacing(geometry, numerics.spacing_um)
+    return numerics.model_copy(update={
+        "spacing_um": shift_um / (nodes + 1), "reynolds_max": numerics.reynolds_max / 2
+    })
 
 
 def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLattice:
@@ -75,7 +87,8 @@ def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLatti
         )
     lattice = make_pillars(
         pitch, shift, radius, numerics.rows, numerics.lanes, height, walls=walls,
-        bounce_back=numerics.bounce_back, precision=numerics.precision,
+        half=walls and numerics.half_scene, bounce_back=numerics.bounce_back,
+        precision=numerics.precision,
     )  # fmt: skip
     return ArrayLattice(
         spacing, pitch, shift, radius, numerics.rows, numerics.lanes, height, lattice
@@ -91,6 +104,7 @@ def make_pillars(
     height: int = 1,
     *,
     walls: bool = False,
+    half: bool = False,
     bounce_back: str = "interpolated",
     precision: str = "float64",
 ) -> Lattice:
@@ -115,6 +129,7 @@ def make_pillars(
         solid,
         height,
         walls=walls,
+        half=half,
         row_shift=rows * shift,
         link_fraction=link_fraction if bounce_back == "interpolated" else None,
         dtype=np.dtype(precision),

@@ -38,6 +38,8 @@ VELOCITIES = np.array(
 )  # fmt: skip
 WEIGHTS = np.array([1 / 3] + [1 / 18] * 6 + [1 / 36] * 12)
 OPPOSITE = np.array([0] + [q + 1 if q % 2 else q - 1 for q in range(1, 19)])
+MIRRORED = np.array([0, 1, 2, 3, 4, 6, 5, 7, 8, 9, 10, 13, 14, 11, 12, 17, 18, 15, 16])
+"""Directions with the component along z reversed."""
 MAGIC_PARAMETER = 3 / 16
 """Puts the wall of half-way bounce-back mid-link at any viscosity (Ginzburg et al. 2008)."""
 
@@ -89,13 +91,15 @@ class Lattice:
 
     ``column`` (nx, ny) int32: index of the fluid column, -1 in solid. ``row_shift``: nodes by which
     the image of the domain at x + nx is displaced along y. ``walls``: no-slip plates at z = 0 and
-    z = nz, otherwise periodic along z. ``stride``: elements from one row of populations to the
+    z = height, otherwise periodic along z. ``nz``: layers of nodes, all of the ``height`` or, below
+    a plane of symmetry, half of them. ``stride``: elements from one row of populations to the
     next; ``lead``: nodes between the windows before and after a step.
     """
 
     nx: int
     ny: int
     nz: int
+    height: int
     row_shift: int
     walls: bool
     column: np.ndarray
@@ -117,6 +121,21 @@ class Lattice:
         """Number of nodes of the whole box, solid ones included."""
         return self.nx * self.ny * self.nz
 
+    @property
+    def half(self) -> bool:
+        """Whether there is a mirror at mid-height."""
+        return self.nz < self.height
+
+    @property
+    def split(self) -> bool:
+        """Whether the mirror passes through the last layer of nodes, not above it."""
+        return self.half and self.height % 2 == 1
+
+    @property
+    def volume(self) -> float:
+        """Of the box below the mirror, solid included, where a layer that it splits counts half."""
+        return self.nx * self.ny * (self.nz - 0.5 * self.split)
+
 
 def neighbour(lattice_shape, row_shift, ix, iy, cx, cy):
     """Column (ix, iy) + (cx, cy) under periodicity along y and shifted periodicity along x."""
@@ -126,11 +145,17 @@ def neighbour(lattice_shape, row_shift, ix, iy, cx, cy):
     return jx - wraps * nx, np.mod(iy + cy - wraps * row_shift, ny)
 
 
+def held(z: np.ndarray, nz: int, height: int) -> np.ndarray:
+    """Layers that stand for those at z: beyond a mirror their images."""
+    return np.where((z >= nz) & (nz < height), height - 1 - z, z)
+
+
 def make_lattice(
     solid: np.ndarray,
-    nz: int,
+    height: int,
     *,
     walls: bool,
+    half: bool = False,
     row_shift: int = 0,
     link_fraction=None,
     wall_velocities=(0.0, 0.0),
@@ -138,14 +163,17 @@ def make_lattice(
 ) -> Lattice:
     """Number the fluid columns and build the streaming table.
 
-    ``solid`` (nx, ny) bool. ``link_fraction(ix, iy, cx, cy)``: distance of the surface from column
+    ``solid`` (nx, ny) bool. ``half``: of the ``height`` between plates at rest only the lower half
+    is kept, for flows symmetric about mid-height; at the mirror populations are reflected
+    (specular reflection). ``link_fraction(ix, iy, cx, cy)``: distance of the surface from column
     centres along the link, in links (0 to 1), for interpolated bounce-back: the central linear
     scheme (CLI) of Ginzburg et al. (2008), whose wall does not move with viscosity. None gives
     half-way bounce-back, which CLI falls back to where the node behind is not fluid.
-    ``wall_velocities``: velocity along x of the plates at z = 0 and z = nz (Ladd 1994). Raises
+    ``wall_velocities``: velocity along x of the plates at z = 0 and z = height (Ladd 1994). Raises
     DldsimError if no fluid is left.
     """
     nx, ny = solid.shape
+    nz = (height + 1) // 2 if half else height
     column = np.full((nx, ny), -1, np.int32)
     column[~solid] = np.arange(np.count_nonzero(~solid))
     ix, iy = np.nonzero(~solid)
@@ -167,10 +195,12 @@ def make_lattice(
         source_column = column[neighbour((nx, ny), row_shift, ix, iy, -cx, -cy)]
         bounced = source_column < 0
         zs = z - cz
-        inside = (zs >= 0) & (zs < nz)
         opposite = OPPOSITE[q] * stride + own
         if walls:
-            exact = np.where(inside, q * stride + source_column[:, None] * nz + zs, opposite)
+            layer = held(zs, nz, height)
+            inside = (layer >= 0) & (layer < nz)
+            row = np.where(layer == zs, q, MIRRORED[q]) * stride
+            exact = np.where(inside, row + source_column[:, None] * nz + layer, opposite)
         else:
             exact = q * stride + source_column[:, None] * nz + zs % nz
         run = q * stride + source_column[:, None] * nz + zs  # as if every column went on forever
@@ -180,7 +210,7 @@ def make_lattice(
                 if not inside[plate]:
                     moving[:, plate] = 6 * WEIGHTS[q] * cx * velocity
         across = (ix - cx < 0) | (ix - cx >= nx)
-        wrapped = across[:, None] & (run != exact) & (not walls)
+        wrapped = across[:, None] & (run != exact) & (exact != opposite)
         saved = set_aside(run[across])
         exact[wrapped] = set_aside(exact[wrapped])
         exact[across] = np.where(exact[across] == run[across], saved, exact[across])
@@ -195,11 +225,15 @@ def make_lattice(
             behind = column[neighbour((nx, ny), row_shift, ix, iy, cx, cy)]
             zb = z + cz
             reachable = (bounced & (behind >= 0))[:, None]
+            row = OPPOSITE[q] * stride
             if walls:
-                reachable = reachable & (zb >= 0) & (zb < nz)
+                layer = held(zb, nz, height)
+                reachable = reachable & (layer >= 0) & (layer < nz)
+                row = np.where(layer == zb, OPPOSITE[q], MIRRORED[OPPOSITE[q]]) * stride
+                zb = layer
             else:
                 zb = zb % nz
-            element = OPPOSITE[q] * stride + behind[:, None] * nz + zb
+            element = row + behind[:, None] * nz + zb
             behind_element = np.where(reachable, element, -1)
             across = ((ix + cx < 0) | (ix + cx >= nx))[:, None] & (behind_element >= 0)
             behind_element[across] = set_aside(behind_element[across])
@@ -207,7 +241,7 @@ def make_lattice(
         exacts.append((exact.ravel(), moving.ravel()))
         blends.append((behind_element.ravel(), q * stride + own.ravel(), np.repeat(weight, nz)))
     streaming = _compress(runs, exacts, blends, aside, nodes, dtype)
-    return Lattice(nx, ny, nz, row_shift, walls, column, stride, lead, streaming)
+    return Lattice(nx, ny, nz, height, row_shift, walls, column, stride, lead, streaming)
 
 
 def _windows(column, ix, iy, nz, row_shift) -> tuple[int, int]:

@@ -83,6 +83,10 @@ class Scratch(NamedTuple):
 - smaller (E): squared area of the smaller face of an edge
     - pulls, twists (E): see `tense_edges`
     - corners: x, y, z (3 F + 1) of the force of a face on its vertices, the last one zero
+    - face_share (F): how often a face counts in the total area and volume
+
+    Of half a membrane (see :mod:`dldsim.mirror`) the faces without face_edge bear no force, and
+    vertex_corner has those vertices whose force is asked for.
     """
 
     corner_vertex: tuple[np.ndarray, ...]
@@ -100,6 +104,7 @@ class Scratch(NamedTuple):
     pulls: np.ndarray
     twists: np.ndarray
     corners: tuple[np.ndarray, ...]
+    face_share: np.ndarray
 
 
 class Energies(NamedTuple):
@@ -142,16 +147,20 @@ def make_scratch(membrane: Membrane | mesh.Topology) -> Scratch:
     def zeros(count, length):
         return tuple(aligned_zeros(length) for _ in range(count))
 
-    corner = np.argsort(faces, axis=None, kind="stable")
-    vertex = faces.ravel()[corner]
+    loaded = faces[: len(membrane.face_edges)]
+    corner = np.argsort(loaded, axis=None, kind="stable")
+    vertex = loaded.ravel()[corner]
     rank = np.arange(len(vertex)) - np.searchsorted(vertex, vertex)
-    vertex_corner = np.full((max(6, rank.max() + 1), faces.max() + 1), faces.size, np.uint32)
+    vertex_corner = np.full((max(6, rank.max() + 1), faces.max() + 1), loaded.size, np.uint32)
     vertex_corner[rank, vertex] = corner
     f, e = len(faces), len(edges)
+    face_share = aligned_zeros(f)
+    face_share[:] = 1.0
     return Scratch(
         columns(3 * faces), columns(3 * edges), columns(membrane.edge_faces),
         columns(membrane.face_edges), vertex_corner, zeros(9, f), zeros(3, f),
-        *zeros(1, f), zeros(3, e), *zeros(5, e), zeros(3, 3 * f + 1),
+        *zeros(1, f), zeros(3, e), *zeros(5, e),
+        zeros(3, loaded.size + 1), face_share,
     )  # fmt: skip
 
 
@@ -211,7 +220,7 @@ def measure_faces(x, scratch):
     """Total area and volume; fills sides, normals and areas of scratch."""
     ax, ay, az, bx, by, bz, cx, cy, cz = scratch.sides
     nx, ny, nz = scratch.normals
-    areas = scratch.areas
+    areas, share = scratch.areas, scratch.face_share
     first, second, third = scratch.corner_vertex
     x = x.reshape(x.size)
     ox, oy, oz = x[0], x[1], x[2]
@@ -231,8 +240,8 @@ def measure_faces(x, scratch):
         cx[f], cy[f], cz[f] = ux, uy, uz
         nx[f], ny[f], nz[f] = mx, my, mz
         areas[f] = size
-        area += size
-        volume += (px - ox) * mx + (py - oy) * my + (pz - oz) * mz
+        area += share[f] * size
+        volume += share[f] * ((px - ox) * mx + (py - oy) * my + (pz - oz) * mz)
     return area, volume / 3
 
 
@@ -321,7 +330,7 @@ def load_corners(membrane, kal, tension, pressure, scratch):
         membrane.rest_areas, scratch.areas, scratch.pulls, scratch.twists
     )  # fmt: skip
     first, second, third = scratch.face_edge
-    for f in range(len(areas)):
+    for f in range(len(first)):
         i, j, k = first[f], second[f], third[f]
         sax, say, saz, sbx, sby, sbz = ax[f], ay[f], az[f], bx[f], by[f], bz[f]
         scx, scy, scz, mx, my, mz, area = cx[f], cy[f], cz[f], nx[f], ny[f], nz[f], areas[f]

@@ -210,7 +210,8 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
         if path.rows > len(lateral) - 1:
             lateral = path.crossings()
             result = analyse_path(lateral, array.pitch, geometry.periodicity, control)
-            if result.status in SETTLED or path.rows >= control.max_rows:
+            settled = result.status in SETTLED and path.rows >= control.min_rows
+            if settled or path.rows >= control.max_rows:
                 status, reason = result.status, result.reason
         if path.idle(scene.steps, patience):
             status = "stuck"
@@ -559,6 +560,8 @@ def left_out(
     """What this scene does without, and what that saves."""
     lattice = array.lattice
     items = [f"solid nodes ({1 - lattice.nodes / lattice.cells:.0%} of the box)"]
+    if lattice.half:
+        items.append("half of the height (mirror plane)")
     if numerics.rows < geometry.periodicity:
         items.append(
             f"{geometry.periodicity - numerics.rows} of {geometry.periodicity} rows "

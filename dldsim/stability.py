@@ -63,7 +63,7 @@ def elastic_frequency(scene: CellInFlow) -> float:
     """
     x = scene.body.x
     moduli = scene.moduli._replace(kb=BENDING_GROWTH * scene.moduli.kb, kv=0.0, kvisc=0.0)
-    still, behind = np.zeros_like(x), np.zeros_like(x)
+    still, behind = np.zeros_like(x), np.zeros_like(scene.body.force)
 
     def push(mode, force):
         elastic_forces(x + mode, still, scene.membrane, moduli, scene.scratch, force)
@@ -175,7 +175,7 @@ def incurable(scene: CellInFlow) -> list[str]:
     found = []
     if moduli.kv == 0:
         found.append("without a volume term (k_v = 0) nothing answers what leaks through")
-    edge = scene.membrane.rest_lengths.mean()
+    edge = scene.surface[0].rest_lengths.mean()
     springs = moduli.ks + moduli.kal
     if moduli.kb > STIFFEST_HINGE * springs * edge**2:
         found.append("hinges are much stiffer than springs: k_b is too large for k_s and k_α")

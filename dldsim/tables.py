@@ -476,7 +476,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
     "verifications": (
         _text("request", "name of the design request"),
         _count("round", "round of search, simulation and refit"),
-        _text("role", "design; transition: near a mode change; height: at another height"),
+        _text("role", "design; finer or height: the same, set so; transition: near a mode change"),
         _count("array", "number of the array within its request"),
         _text("population", "cell type 1 or 2; difference: angle 2 − angle 1"),
         *_GEOMETRY,
@@ -513,6 +513,9 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         *_nullable(
             _real("separation_deg", "°", "simulated difference of the two angles"),
             _real("sigma_num_deg", "°", "numerical uncertainty of it"),
+            _real("separation_finer_deg", "°", "on a finer lattice at half Re; < 0: other order"),
+            _real("finer_spacing_um", "µm", "lattice spacing there"),
+            _real("finer_lag_number", "1", "numerical Reynolds number there"),
             _real("angle_1_deg", "°", "simulated angle of the first cell type"),
             _real("angle_2_deg", "°", "simulated angle of the second cell type"),
         ),
@@ -536,7 +539,7 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _text("pressure_basis", "where permeability and pressure drop come from"),
         _real("throughput_uL_per_h", "µL/h", "flow through the width of the device's array"),
         _flag("agrees", "whether prediction and simulation agree; null: not comparable", True),
-        _flag("separates", "separation beyond 2 σ_num; null: σ_num not known", nullable=True),
+        _flag("separates", "beyond 2 σ_num from all releases, at two settings; null: open", True),
         _text("verdict", "the same in words"),
         _text("stopped", "why the rounds of the request ended"),
     ),

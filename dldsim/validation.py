@@ -108,6 +108,10 @@ CASES = {
         "Red cell in optical tweezers", "membrane", "validation_membrane.erythrocyte_stretching",
         "Mills et al. 2004, Mech. Chem. Biosyst. 1:169; Suresh et al. 2005, Acta Biomater. 1:15",
     ),
+    "hydrodynamic-radius": Case(
+        "Drag on a held sphere of vertices", "cell", "validation_cell.held_sphere",
+        "Zick & Homsy 1982, J. Fluid Mech. 115:13, simple cubic",
+    ),
     "capsule-in-shear": Case(
         "Capsule in simple shear", "cell", "validation_cell.capsule_in_shear",
         "boundary integral",

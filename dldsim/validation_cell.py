@@ -15,6 +15,7 @@ from dldsim.config import (
     Stiffness,
 )
 from dldsim.constriction import simulate_constriction
+from dldsim.drag import hydrodynamic_radius
 from dldsim.errors import DldsimError
 from dldsim.flow import EmptyFlow, array_of, solve_empty_array
 from dldsim.reference import read_reference
@@ -22,6 +23,45 @@ from dldsim.shear import capsule_in_shear as shear_run
 from dldsim.shear import inertia_ellipse
 from dldsim.simulation import Path, make_scene
 from dldsim.validation import Comparison
+
+# --------------------------------------------------------------------------- hydrodynamic radius
+
+DRAG_RADII = 4, 6, 9, 12
+SIZE_MARK = 0.1
+"""Nodes by which a sphere may act larger or smaller: 2 % of a radius of five nodes, as much as the
+critical diameter is bisected to."""
+OFFSETS = (0.5, 0.5, 0.5), (0.25, 0.0, 0.0), (0.1, 0.3, 0.2)
+HELD = "radius of the sphere"
+
+
+def held_sphere() -> Iterator[Comparison]:
+    """Radius of the solid sphere with the drag of a held sphere of vertices, in nodes.
+
+    Marks: a tenth of a node, at any radius, relaxation time and place of the centre, with the
+    default kernel and mesh; and as much between relaxation times of 1.25 and 3, since the surface
+    must not move with the viscosity. Without mark: other kernels and meshes.
+    """
+    cases = [("default", radius, {}) for radius in DRAG_RADII]
+    cases += [(f"τ = {tau:g}", 6, {"relaxation_time": tau}) for tau in (1.25, 2.0)]
+    cases += [("centre at " + " ".join(f"{o:g}" for o in offset), 6, {"offset": offset})
+              for offset in OFFSETS]  # fmt: skip
+    cases += [(f"edge / spacing {edge:g}", 6, {"edge_to_spacing": edge}) for edge in (0.7, 1.4)]
+    cases += [(f"{kernel} kernel", 6, {"kernel": kernel})
+              for kernel in ("linear", "3-point", "4-point")]  # fmt: skip
+    found = {}
+    for variant, radius, settings in cases:
+        value = hydrodynamic_radius(radius, **settings)
+        found[variant, radius] = value
+        shown = {"edge_to_spacing", "kernel"} & {*settings}
+        yield Comparison(
+            "hydrodynamic radius", value, radius, None if shown else SIZE_MARK / radius, "spacing",
+            variant, resolution=radius, resolution_of=HELD, note=f"{value - radius:+.3f} nodes",
+        )  # fmt: skip
+    yield Comparison(
+        "hydrodynamic radius / that at τ = 3", found["τ = 1.25", 6] / found["default", 6], 1.0,
+        SIZE_MARK / 6, variant="τ = 1.25", resolution=6, resolution_of=HELD,
+    )  # fmt: skip
+
 
 # ------------------------------------------------------------------------------ capsule in shear
 

@@ -191,7 +191,7 @@ def _later_rows() -> Iterator[Comparison]:
     _, short, long = (  # the first one loads the kernels
         simulate_run(
             Geometry(pillar_radius_um=5, gap_um=12, periodicity=4), MEMBRANE, Cell(), Flow(),
-            Numerics(), RunControl(max_rows=rows, orbit_tolerance=1e-6), run_id="x",
+            Numerics(), RunControl(max_rows=rows, min_rows=rows), run_id="x",
             stiffness_set="3",
         ).row
         for rows in (3, 3, 6)

@@ -128,8 +128,10 @@ class Simulator:
         self.model = accuracy.read_model()
         self._flow: tuple[Any, Any] = (None, None)
 
-    def __call__(self, geometry: Geometry, population: Population, height_um: float) -> dict:
-        scene = self._at(height_um)
+    def __call__(
+        self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
+    ) -> dict:
+        scene = self._at(geometry, height_um, finer)
         settings = {
             **{name: getattr(scene, name).model_dump(mode="json")
                for name in ("flow", "numerics", "control")},
@@ -137,11 +139,11 @@ class Simulator:
             "stiffness": population.stiffness.model_dump(mode="json"),
             "geometry": geometry.model_dump(mode="json"),
         }
-        name = self.name(geometry, population, height_um)
+        name = self.name(geometry, population, height_um, finer)
         files, shapes = self._files(name)
         digest = campaign.settings_hash(settings)
         if not (shapes.exists() and made_with(files.outcome, digest)):
-            self._simulate(geometry, population, height_um, name, settings)
+            self._simulate(geometry, population, scene, name, settings)
         [row] = read_rows("outcomes", files.outcome)
         sigma, basis = accuracy.numerical_uncertainty(row, scene.control.model_dump(), self.model)
         return {
@@ -150,9 +152,11 @@ class Simulator:
             "sigma_num_deg": sigma, "sigma_num_basis": basis,
         }  # fmt: skip
 
-    def name(self, geometry: Geometry, population: Population, height_um: float) -> str:
-        """Identifier of an outcome; another height than the campaign's is part of it, in nm."""
-        name = population.name
+    def name(self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
+             ) -> str:
+        """Identifier of an outcome; another height than the campaign's is part of it, in nm, and
+        so is a finer lattice."""
+        name = population.name + "-finer" * finer
         if height_um != self.scene.flow.height_um:
             name += f"-h{1e3 * height_um:.0f}"
         return campaign.outcome_id(campaign.Pair(geometry, name))
@@ -173,16 +177,15 @@ class Simulator:
         scene = self.scene
         settings = {"flow": scene.flow.model_dump(), "numerics": scene.numerics.model_dump()}
         if not made_with(path, campaign.settings_hash(settings)):
-            row = flow_row(self._empty_flow(geometry, scene.flow.height_um))
+            row = flow_row(self._empty_flow(geometry, scene))
             write_table("flows", [row], path, provenance(settings))
         [row] = read_rows("flows", path)
         return row
 
-    def _simulate(self, geometry, population, height_um, name: str, settings: Mapping) -> None:
+    def _simulate(self, geometry, population, scene: Scene, name: str, settings: Mapping) -> None:
         from dldsim.simulation import simulate_outcome
         from dldsim.vtk import Recorder, write_vtkhdf
 
-        scene = self._at(height_um)
         files, shapes = self._files(name)
         kept = Partial(self.directory / name, name, settings)
         places = scene.control.release_gap_fractions
@@ -197,15 +200,20 @@ class Simulator:
         result = simulate_outcome(
             geometry, population.stiffness, self._cell(population), scene.flow, scene.numerics,
             scene.control, outcome_id=name, stiffness_set=name.rpartition("_s")[2],
-            empty_flow=self._empty_flow(geometry, height_um), finished=finished, keep=keep,
+            empty_flow=self._empty_flow(geometry, scene), finished=finished, keep=keep,
             observe=recorder, progress=self.progress,
         )  # fmt: skip
         write_outcome(result, files, settings)
         kept.remove()
 
-    def _at(self, height_um: float) -> Scene:
+    def _at(self, geometry: Geometry, height_um: float, finer: bool) -> Scene:
+        from dldsim.geometry import next_finer
+
         flow = self.scene.flow.model_copy(update={"height_um": height_um})
-        return self.scene._replace(flow=flow)
+        numerics = self.scene.numerics
+        return self.scene._replace(
+            flow=flow, numerics=next_finer(geometry, numerics) if finer else numerics
+        )
 
     def _cell(self, population: Population) -> CellShape:
         return self.scene.cell.model_copy(update={"radius_um": population.radius_um})
@@ -215,13 +223,12 @@ class Simulator:
         tables = (self.directory / f"{name}.{kind}.parquet" for kind in OutcomeFiles._fields)
         return OutcomeFiles(*tables), self.directory / f"{name}.vtkhdf"
 
-    def _empty_flow(self, geometry: Geometry, height_um: float):
+    def _empty_flow(self, geometry: Geometry, scene: Scene):
         """Flow without a cell; the last one is kept, which both cell types share."""
         from dldsim.flow import solve_empty_array
 
-        key = geometry, height_um
+        key = geometry, scene.flow, scene.numerics
         if self._flow[0] != key:
-            scene = self._at(height_um)
             self._flow = key, solve_empty_array(geometry, scene.flow, scene.numerics)
         return self._flow[1]
 
@@ -244,7 +251,7 @@ def verify(
     chip: Chip,
     budget: Budget,
     populations: Sequence[Population],
-    simulate: Callable[[Geometry, Population, float], dict],
+    simulate: Callable[..., dict],
     seed: int,
     *,
     fit: Callable[[pd.DataFrame, int], Surrogate] | None = None,
@@ -260,8 +267,12 @@ def verify(
     confirmed if the simulated value, with ± σ_num, meets its interval; it is compared only where
     the surrogate interpolates.
 
-    ``request``: by deformation indices. ``simulate`` returns a row of `outcomes`; ``resistance``
-    one of `flows`. The best verified design is simulated at ± height_tolerance_um too.
+    The best designs in which the cells part are simulated once more on a finer lattice at half the
+    numerical Reynolds number: only what parts them there as well counts as separating.
+
+    ``request``: by deformation indices. ``simulate(geometry, population, height_um, finer)``
+    returns a row of `outcomes`; ``resistance`` one of `flows`. The best verified design is
+    simulated at ± height_tolerance_um too.
 
     Raises DldsimError as `search` does.
     """
@@ -314,6 +325,7 @@ def verify(
             stopped = f"round {number}: predictions confirmed"
             break
     task = Task(learnt, request, chip, seed)
+    records += _finer_runs(task, pairs, populations, simulate, budget.finer_designs, say)
     designs = _verified(task, pairs, resistance, stopped)
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
         heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
@@ -348,12 +360,12 @@ def _settles(difference: Mapping[str, Any]) -> bool:
 
 
 def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
-                   height_um: float) -> list[dict]:
+                   height_um: float, finer: bool = False) -> list[dict]:
     """Rows of `outcomes` of both cell types; one that cannot start has status "failed"."""
     found = []
     for population in populations:
         try:
-            found.append(simulate(geometry, population, height_um))
+            found.append(simulate(geometry, population, height_um, finer))
         except DldsimError as error:
             found.append(_failed(geometry, population, height_um, str(error)))
     return found
@@ -462,9 +474,8 @@ def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -
             if length is not None:
                 pressure = float(
                     chip.pressure_kPa(flow["drag_over_mu_U"], geometry.pitch_um, length))
-        separates = None
-        if simulated is not None and sigma is not None:
-            separates = abs(simulated) > SIGMAS * sigma
+        finer = pair.get("finer")
+        separates = separated(pair["rows"], sigma, finer)
         rows.append({
             "request": request.name, "array": array, "round": pair["round"],
             **geometry.model_dump(),
@@ -480,7 +491,11 @@ def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -
             "permeability_over_pitch2": permeability, "pressure_basis": basis,
             "throughput_uL_per_h": chip.throughput_uL_per_h,
             "agrees": difference["agrees"], "separates": separates,
-            "verdict": _design_verdict(difference, separates), "stopped": stopped,
+            "separation_finer_deg": _difference(finer) and _towards(simulated, _difference(finer)),
+            "finer_spacing_um": finer and finer[0]["spacing_um"],
+            "finer_lag_number": finer and max(r["lag_number"] or 0.0 for r in finer),
+            "verdict": _design_verdict(difference, pair["rows"], finer, separates),
+            "stopped": stopped,
             "separation_low_height_deg": None, "separation_high_height_deg": None,
         })  # fmt: skip
     table = pd.DataFrame(rows, columns=[c for c in VERIFIED_COLUMNS if c not in LATER])
@@ -514,6 +529,7 @@ LATER = ("rank", "name", "separation_tolerance_min_deg", "separation_tolerance_m
          "robust_separation_deg", "mode_change_probability")
 VERIFIED_COLUMNS = [
     "request", "rank", "name", "array", "round", *GEOMETRY, "separation_deg", "sigma_num_deg",
+    "separation_finer_deg", "finer_spacing_um", "finer_lag_number",
     "angle_1_deg", "angle_2_deg", "mode_1", "mode_2", "status_1", "status_2",
     "predicted_separation_deg", "uncertainty_deg", "separation_tolerance_min_deg",
     "separation_tolerance_max_deg", "robust_separation_deg", "mode_change_probability",
@@ -523,20 +539,109 @@ VERIFIED_COLUMNS = [
 ]  # fmt: skip
 
 
-def _design_verdict(difference: Mapping[str, Any], separates: bool | None) -> str:
-    """Whether it separates, whether that was predicted, and what is open."""
+def _difference(found: Sequence[Mapping] | None) -> float | None:
+    """Angle of the second cell type minus that of the first [°]; None where one is not known."""
+    angles = [row["migration_angle_deg"] for row in found or [{"migration_angle_deg": None}]]
+    return None if None in angles else angles[1] - angles[0]
+
+
+def _towards(order: float, difference: float) -> float:
+    """A difference with the sign that says whether it has the same order."""
+    return math.copysign(difference, difference * order)
+
+
+def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
+    """Whether two outcomes part the cells from every place of release.
+
+    Both are decided, and the angles differ by more than SIGMAS σ_num and by more than the spreads
+    of the releases together. None where σ_num is not known.
+    """
+    difference = _difference(found)
+    if difference is None or any(row["status"] != "decided" for row in found):
+        return False
+    if abs(difference) <= sum(row["angle_spread_deg"] or 0.0 for row in found):
+        return False
+    return None if sigma_deg is None else abs(difference) > SIGMAS * sigma_deg
+
+
+def separated(
+    found: Sequence[Mapping], sigma_deg: float | None, finer: Sequence[Mapping] | None
+) -> bool | None:
+    """Whether a design separates: at the campaign's setting and, in the same order, at a finer one.
+
+    None where σ_num is not known or the finer setting was not simulated.
+    """
+    known = parts(found, sigma_deg)
+    if not known or finer is None:
+        return False if known is False else None
+    same = parts(finer, sigma_deg)
+    return bool(same and _towards(_difference(found), _difference(finer)) > 0)
+
+
+def _finer_runs(
+    task: Task, pairs: Mapping[int, dict], populations, simulate, count: int, say: Progress
+) -> list[dict]:
+    """The best designs that part the cells once more, at a finer setting; fills `finer` of pairs.
+
+    Returns rows of `verifications`.
+    """
+    parting = [(array, pair) for array, pair in pairs.items() if pair["role"] == "design"
+               and parts(pair["rows"], pair["difference"]["sigma_num_deg"])]
+    parting.sort(key=lambda item: -abs(item[1]["difference"]["simulated_deg"]))
+    height, records = task.chip.flow.height_um, []
+    for array, pair in parting[:count]:
+        geometry = Geometry(**pair["place"])
+        say(f"finer lattice, half the Reynolds number: {campaign.geometry_id(geometry)}")
+        pair["finer"] = _simulate_pair(simulate, geometry, populations, height, finer=True)
+        for row in compare(task, populations, geometry, pair["finer"]):
+            records.append({"request": task.request.name, "round": pair["round"], "role": "finer",
+                            "array": array, "height_um": height, **row})
+    return records
+
+
+def _design_verdict(
+    difference: Mapping[str, Any], found: Sequence[Mapping], finer: Sequence[Mapping] | None,
+    separates: bool | None,
+) -> str:
+    """Whether it separates, at which settings, whether that was predicted, and what is open."""
     simulated, sigma = difference["simulated_deg"], difference["sigma_num_deg"]
     if simulated is None:
         return f"no separation measured: {difference['note']}"
-    words = {
-        True: f"separates by {abs(simulated):.2f} ± {sigma or 0:.2f}°",
-        False: f"does not separate: {abs(simulated):.2f}° is within {SIGMAS} σ_num of zero",
-        None: f"separation {abs(simulated):.2f}°, numerical uncertainty not studied",
-    }[separates]
-    parts = [words, difference["verdict"]]
+    if separates:
+        words = f"separates by {abs(simulated):.2f} ± {sigma:.2f}°, {_settings(finer)} as well"
+    elif finer is not None:
+        words = f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}"
+    elif separates is None and sigma is None:
+        words = f"separation {abs(simulated):.2f}°, numerical uncertainty not studied"
+    elif separates is None:
+        words = (f"separates by {abs(simulated):.2f} ± {sigma:.2f}° at this setting; not confirmed "
+                 "at a finer one")
+    else:
+        words = f"does not separate: {_why_not(found, simulated, sigma)}"
+    said = [words, difference["verdict"]]
     if separates is not False and simulated * difference["predicted_deg"] < 0:
-        parts.append("in the opposite order")
-    return "; ".join([*parts, *filter(None, [difference["note"]])])
+        said.append("in the opposite order")
+    return "; ".join([*said, *filter(None, [difference["note"]])])
+
+
+def _settings(finer: Sequence[Mapping]) -> str:
+    """What a finer setting gave, in words."""
+    value = _difference(finer)
+    outcome = "no angle" if value is None else f"{abs(value):.2f}°"
+    lag = max(row["lag_number"] or 0.0 for row in finer)
+    return f"{outcome} at spacing {finer[0]['spacing_um'] or math.nan:.2f} µm and Re {lag:.2f}"
+
+
+def _why_not(found: Sequence[Mapping], simulated: float, sigma: float | None) -> str:
+    """Why two outcomes do not part, in words."""
+    open_ = [f"cell type {i} is {row['status']}" for i, row in enumerate(found, 1)
+             if row["status"] != "decided"]
+    if open_:
+        return " and ".join(open_)
+    if sigma is not None and abs(simulated) <= SIGMAS * sigma:
+        return f"{abs(simulated):.2f}° is within {SIGMAS} σ_num of zero"
+    spread = sum(row["angle_spread_deg"] or 0.0 for row in found)
+    return f"{abs(simulated):.2f}° is within the spread of the releases, {spread:.2f}°"
 
 
 def _height_runs(task: Task, designs: pd.DataFrame, populations, simulate, left: int) -> list[dict]:

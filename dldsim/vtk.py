@@ -78,10 +78,10 @@ class Recorder:
     def __call__(self, scene, record) -> None:
         if self._record is not record:  # another run, or the run has begun anew
             self._points, self._record = [], record
-            self._faces = np.array(scene.membrane.faces, dtype=np.int32)
+            self._faces = np.array(scene.surface[0].faces, dtype=np.int32)
         if (len(record.samples) - 1) % self.every == 0:
             spacing = record.units.spacing_um
-            self._points.append(((scene.body.x - record.origin) * spacing).astype(np.float32))
+            self._points.append(((scene.positions() - record.origin) * spacing).astype(np.float32))
 
     def shapes(self, geometry: Geometry, result: "RunResult") -> Shapes:
         """What was recorded of this run."""

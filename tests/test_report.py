@@ -580,6 +580,30 @@ def test_cumulated_row_shifts_of_a_full_bump_count_rows():
     assert figures.cumulated_row_shifts(run).tolist() == pytest.approx([0, 1, 2, 3, 4, 5, 6])
 
 
+def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
+    run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0,
+           "release_gap_fraction": 0.5}  # fmt: skip
+    height, steps = figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
+    assert height.tolist() == pytest.approx([0.5] * 6) and steps.tolist() == pytest.approx([1] * 6)
+    # Straight on, the pillars climb by a quarter of the gap per row.
+    height, steps = figures.row_map({**run, "lateral_steps_um": [0.0] * 9})
+    expected = [0.5, 0.25, 0.0, -0.25, -0.5, -0.75, -1.0, 0.75, 0.5]
+    assert (height - expected) % 2 == pytest.approx(0, abs=1e-9)
+    assert ((-1 <= height) & (height <= 1)).all() and not steps.any()
+
+
+def test_row_maps_show_every_row_of_every_run():
+    row = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0,
+           "periodicity": 8, "stiffness_set": "1", "release_gap_fraction": 0.5}  # fmt: skip
+    steps = [1.0, 2.0, 4.5]
+    runs = [{**row, "run_id": "a", "lateral_steps_um": steps},
+            {**row, "run_id": "b", "lateral_steps_um": steps[:2]},
+            {**row, "run_id": "c", "gap_um": 20.0, "lateral_steps_um": steps}]  # fmt: skip
+    figure = figures.draw_row_maps(pd.DataFrame(runs))
+    points = [[len(line.get_xdata()) for line in axes.lines[1:]] for axes in figure.axes]
+    assert points == [[3, 2], [3]]
+
+
 def test_gap_height_is_constant_when_the_cell_follows_the_rows():
     run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0}
     x = np.linspace(12.0, 300.0, 500)

@@ -190,7 +190,9 @@ def test_a_default_run_carries_no_lateral_flux(default_run):
 @pytest.mark.parametrize("coupling", ["no-slip", "dissipative"])
 def test_a_run_mirrored_in_height_is_the_mirror_image(coupling):
     # Double precision, three rows of an uneven path; rounding of 1e-16 has no time to grow.
-    numerics = Numerics(precision="float64", coupling=coupling, velocity_lu=0.01)
+    numerics = Numerics(
+        precision="float64", coupling=coupling, velocity_lu=0.01, half_scene=False
+    )
     empty = solve_empty_array(GEOMETRY, FLOW, numerics)
     array = array_of(empty)
     paths = []
