@@ -5,7 +5,7 @@ VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
 
-.PHONY: campaign test web bench schema data clean
+.PHONY: campaign test web bench schema data reference clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -25,6 +25,9 @@ schema: $(VENV)/installed
 
 data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
 	$(BIN)/python -m dldsim.design_jobs results
+
+reference: $(VENV)/installed  # results/reference becomes what the package is judged by
+	$(BIN)/python -m dldsim.reference_study results
 
 clean:
 	rm -rf $(VENV)

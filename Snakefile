@@ -11,6 +11,7 @@ include: "workflow/rules/analyse.smk"
 include: "workflow/rules/design.smk"
 include: "workflow/rules/validate.smk"
 include: "workflow/rules/accuracy.smk"
+include: "workflow/rules/reference.smk"
 include: "workflow/rules/stability.smk"
 include: "workflow/rules/report.smk"
 

@@ -1,22 +1,19 @@
-"""Error of migration angle and deformation index against run time, and the model of σ_num.
+"""Error of migration angle and deformation index against run time.
 
 Runs of known kind are repeated with one numerical setting changed, with whole settings changed,
 and at a jointly finer reference. Array runs are repeated from other starts too: what their angles
 differ by, the setting is not to blame for. Stopping earlier needs no run of its own: it is replayed
-on one long run. The module also holds what a run's numerical uncertainty is taken to be, fitted to
-the errors of runs against their reference.
+on one long run.
 """
 
 import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from statistics import mean, stdev, variance
 from typing import Any, NamedTuple
 
-from dldsim import PHYSICS_VERSION, __version__
-from dldsim.campaign import OUTCOME_PATTERN, parse_outcome, settings_hash
+from dldsim.campaign import OUTCOME_PATTERN, parse_outcome
 from dldsim.config import Cell, Config, RunControl, validate
 from dldsim.errors import DldsimError
 
@@ -89,10 +86,6 @@ def variants(config: Config) -> list[Variant]:
         runs = part.cases.values() if quantity == ANGLE else part.cases
         repeats = range(len(starts(config)) if quantity == ANGLE else 1)
         wanted += [Variant(run, *p, start) for run in runs for p in points for start in repeats]
-    if (study.model_runs or study.check_runs) and not study.migration_angle.reference:
-        raise DldsimError("accuracy.model_runs need accuracy.migration_angle.reference.")
-    for run in (*study.model_runs, *study.check_runs):
-        wanted += [Variant(run, DEFAULT), Variant(run, REFERENCE)]
     return list(dict.fromkeys(wanted))
 
 
@@ -212,6 +205,12 @@ def table(rows: Iterable[tuple[Variant, Mapping[str, Any]]], config: Config) -> 
     return result
 
 
+def half_width(row: Mapping[str, Any]) -> float | None:
+    """Half of the 95 % interval of an angle [°] in a row of `runs` or `outcomes`."""
+    ends = row.get("angle_low_deg"), row.get("angle_high_deg")
+    return None if None in ends else (ends[1] - ends[0]) / 2
+
+
 def _points(run: str, quantity: str, runs: Mapping, config: Config) -> list[dict]:
     """The points of one case, those of a knob in the order of its values."""
     study = getattr(config.accuracy, quantity)
@@ -305,234 +304,3 @@ def _compared(points: list[dict]) -> list[dict]:
         result.append({**point, **errors, "noise": noise,
                        "noise_share": noise / scale if noise is not None and scale else None})
     return result
-
-
-# ------------------------------------------------------------------------ numerical uncertainty
-
-KIND = "dldsim model of the numerical uncertainty"
-MODEL_PATH = Path(__file__).parent / "data" / "sigma_num.json"
-OPEN = ("undecided", "coexisting")
-"""Outcomes whose mode depends on what was not seen, or on the place of entry."""
-NORMAL_95 = 1.96
-"""Half width of a 95 % interval in standard deviations."""
-CLASSES = ("bump", "mixed", "zigzag")
-ONE_SIGMA = 0.6827
-CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s")
-RANGES = ("pillar_radius_um", "gap_um", "periodicity")
-STUDIED_CONTROL = ("max_rows", "orbit_tolerance")
-MODELLED, NOT_STUDIED, EXTRAPOLATED, SPANS = (
-    "modelled", "not studied", "extrapolated", "spans the modes")
-"""How the text beside a σ_num begins."""
-
-
-def half_width(row: Mapping[str, Any]) -> float | None:
-    """Half of the 95 % interval of an angle [°] in a row of `runs` or `outcomes`."""
-    ends = row.get("angle_low_deg"), row.get("angle_high_deg")
-    return None if None in ends else (ends[1] - ends[0]) / 2
-
-
-def class_of(mode: str, status: str) -> str | None:
-    """Class of the model, the mode, of a run or an outcome that is settled; else None."""
-    return mode if status in (*SETTLED, "decided") else None
-
-
-def confidence_factor(runs: int) -> float:
-    """Student's t at one standard deviation (68.27 %, two-sided) with ``runs`` degrees of freedom.
-
-    The errors' mean is taken as zero, not estimated, so that all runs are degrees of freedom.
-    """
-    from scipy.stats import t
-
-    return float(t.ppf(0.5 + ONE_SIGMA / 2, runs))
-
-
-def fit_model(pairs: Sequence[tuple[Mapping, Mapping]], config: Config) -> dict[str, Any]:
-    """Model of σ_num from rows of `runs` at default settings and at the reference.
-
-    σ_num² = (half width of the 95 % interval / 1.96)² + (c θ_bump)². For each class c is the root
-    mean square of error / θ_bump times Student's factor for so few runs. The error's own share of
-    the interval is not taken out of c, which is on the safe side. A class without runs has no c.
-    """
-    shares: dict[str, list[float]] = {name: [] for name in CLASSES}
-    used = []
-    for row, reference in pairs:
-        name = class_of(row["mode"], row["status"])
-        error = _error(row, reference)
-        if name is None or error is None:
-            continue
-        shares[name].append(error / row["bump_angle_deg"])
-        used.append((row, reference))
-    classes = {}
-    for name, values in shares.items():
-        if values:
-            rms = math.sqrt(mean(v * v for v in values))
-            factor = confidence_factor(len(values))
-            classes[name] = {"runs": len(values), "rms_share": rms, "confidence_factor": factor,
-                             "share": rms * factor}
-    ratios = [row["spacing_um"] / reference["spacing_um"] for row, reference in used]
-    return {
-        "kind": KIND,
-        "dldsim_version": __version__,
-        "physics_version": PHYSICS_VERSION,
-        "classes": classes,
-        "numerics": config.numerics.model_dump(mode="json"),
-        "run_control": {key: getattr(config.run_control, key) for key in STUDIED_CONTROL},
-        "reference": dict(config.accuracy.migration_angle.reference),
-        "spacing_ratio": [min(ratios), max(ratios)] if ratios else None,
-        "conditions": {key: used[0][0][key] for key in CONDITIONS} if used else {},
-        "ranges": {
-            key: [min(row[key] for row, _ in used), max(row[key] for row, _ in used)]
-            for key in RANGES
-        } if used else {},
-        "runs": [row["run_id"].partition("--")[0] for row, _ in used],
-        "study_hash": settings_hash(config.accuracy.model_dump(mode="json")),
-    }  # fmt: skip
-
-
-def _error(row: Mapping, reference: Mapping) -> float | None:
-    angles = row["migration_angle_deg"], reference["migration_angle_deg"]
-    return None if None in angles else angles[0] - angles[1]
-
-
-def numerical_uncertainty(
-    row: Mapping[str, Any], run_control: Mapping[str, Any], model: Mapping[str, Any] | None
-) -> tuple[float | None, str]:
-    """σ_num [°] of a row of `outcomes` (or `runs`), and on what it rests.
-
-    Half a bump angle, beside the interval, for what is undecided or coexisting: σ spans the modes.
-    Else None without a model, for another physics version, for numerics or stop criteria
-    other than those studied, and for a class without studied runs: no error was measured there.
-    Under conditions or in arrays beyond the study's there is a value that is called extrapolated.
-    """
-    half = half_width(row)
-    if row["migration_angle_deg"] is None or half is None:
-        return None, "no angle"
-    interval = half / NORMAL_95
-    if row["status"] in OPEN:
-        sigma = math.hypot(interval, row["bump_angle_deg"] / 2)
-        return sigma, f"{SPANS}: {row['status']}"
-    if model is None:
-        return None, f"{NOT_STUDIED}: no accuracy study is installed"
-    if model["physics_version"] != PHYSICS_VERSION:
-        return None, (f"{NOT_STUDIED}: the study is of physics version "
-                      f"{model['physics_version']}, this is {PHYSICS_VERSION}")
-    numerics = json.loads(row["numerics"])
-    other = _differing(model["numerics"], numerics) + _differing(model["run_control"], run_control)
-    if other:
-        return None, f"{NOT_STUDIED}: {', '.join(other)}"
-    name = class_of(row["mode"], row["status"])
-    if name not in model["classes"]:
-        return None, f"{NOT_STUDIED}: no run of the study is {name}"
-    sigma = math.hypot(interval, model["classes"][name]["share"] * row["bump_angle_deg"])
-    beyond = _differing(model["conditions"], row) + [
-        f"{key} = {row[key]:g} (studied {low:g} to {high:g})"
-        for key, (low, high) in model["ranges"].items() if not low <= row[key] <= high
-    ]
-    if beyond:
-        return sigma, f"{EXTRAPOLATED}: {', '.join(beyond)}"
-    return sigma, f"{MODELLED}: {name}, {model['classes'][name]['runs']} studied runs"
-
-
-def _differing(studied: Mapping, found: Mapping) -> list[str]:
-    return [f"{key} = {found.get(key)} (studied {value})" for key, value in studied.items()
-            if found.get(key) != value]
-
-
-def with_uncertainty(outcomes, run_control: Mapping[str, Any], model: Mapping[str, Any] | None):
-    """A DataFrame of `outcomes` with its columns sigma_num_deg and sigma_num_basis filled."""
-    rows = outcomes.astype(object).where(outcomes.notna(), None).to_dict("records")
-    found = [numerical_uncertainty(row, run_control, model) for row in rows]
-    return outcomes.assign(
-        sigma_num_deg=[float("nan") if sigma is None else sigma for sigma, _ in found],
-        sigma_num_basis=[basis for _, basis in found],
-    )
-
-
-def check_rows(
-    pairs: Iterable[tuple[Mapping, Mapping]], model: Mapping[str, Any], config: Config
-) -> list[dict]:
-    """Rows of `sigma_num_runs`: the error of each run of the study beside the model's σ_num."""
-    control = config.run_control.model_dump()
-    checks = set(config.accuracy.check_runs)
-    result = []
-    for row, reference in pairs:
-        run = row["run_id"].partition("--")[0]
-        error = _error(row, reference)
-        sigma, basis = numerical_uncertainty(row, control, model)
-        known = error is not None and sigma is not None
-        result.append({
-            "run_id": run, "role": "check" if run in checks else "model",
-            "class": class_of(row["mode"], row["status"]) or "none",
-            **{key: row[key] for key in COPIED},
-            "reference_angle_deg": reference["migration_angle_deg"],
-            "reference_mode": reference["mode"], "reference_status": reference["status"],
-            "half_width_deg": half_width(row),
-            "reference_half_width_deg": half_width(reference),
-            "reference_wall_time_s": reference["wall_time_s"],
-            "reference_spacing_um": reference["spacing_um"],
-            "error_deg": error, "sigma_num_deg": sigma, "sigma_num_basis": basis,
-            "error_over_sigma": abs(error) / sigma if known and sigma > 0 else None,
-        })  # fmt: skip
-    return result
-
-
-COPIED = (
-    "pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "mode", "status",
-    "migration_angle_deg", "bump_angle_deg", "wall_time_s", "spacing_um",
-)  # fmt: skip
-
-
-def coverage(rows: Iterable[Mapping], role: str) -> dict[str, int]:
-    """How many errors of the runs of one role are within one and two σ_num."""
-    ratios = [r["error_over_sigma"] for r in rows
-              if r["role"] == role and r["error_over_sigma"] is not None]
-    return {"runs": len(ratios), "within_1_sigma": sum(r <= 1 for r in ratios),
-            "within_2_sigma": sum(r <= 2 for r in ratios)}
-
-
-def class_rows(model: Mapping[str, Any]) -> list[dict]:
-    """Rows of `sigma_num`: the coefficients of the model, null for a class without runs."""
-    blank = {"runs": 0, "rms_share": None, "confidence_factor": None, "share": None}
-    return [{"class": name, **model["classes"].get(name, blank)} for name in CLASSES]
-
-
-def study(
-    rows: Iterable[tuple[Variant, Mapping[str, Any]]], config: Config
-) -> tuple[list[dict], dict[str, Any], list[dict]]:
-    """Rows of `accuracy`, the model of σ_num, and rows of `sigma_num_runs`."""
-    runs = dict(rows)
-
-    def pairs(names: Iterable[str]) -> list[tuple[Mapping, Mapping]]:
-        return [(runs[Variant(n, DEFAULT)], runs[Variant(n, REFERENCE)]) for n in names]
-
-    model = fit_model(pairs(config.accuracy.model_runs), config)
-    both = pairs([*config.accuracy.model_runs, *config.accuracy.check_runs])
-    checked = check_rows(both, model, config)
-    model |= {"check": coverage(checked, "check")}
-    return table(runs.items(), config), model, checked
-
-
-def read_model(path: Path = MODEL_PATH) -> dict[str, Any] | None:
-    """The model that comes with the package; None where no study has been installed.
-
-    Raises DldsimError for a file that is no such model.
-    """
-    if not Path(path).exists():
-        return None
-    try:
-        model = json.loads(Path(path).read_text(encoding="utf-8"))
-        kind = model["kind"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise DldsimError(f"{path} is damaged: {error!r}. {REMEDY}") from error
-    if kind != KIND:
-        raise DldsimError(f"{path} is no {KIND}. {REMEDY}")
-    return model
-
-
-def model_hash(path: Path = MODEL_PATH) -> str | None:
-    """Hash of the installed model: the outcomes are gathered anew when another is installed."""
-    model = read_model(path)
-    return model and settings_hash(model)
-
-
-REMEDY = "Put results/sigma_num.json of `snakemake -j2 accuracy` in its place, or take it away."

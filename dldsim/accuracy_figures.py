@@ -24,8 +24,7 @@ from dldsim.figures import (
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C00")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
-CLASS_COLOUR = MODE_COLOUR
-CLASS_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
+MODE_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
 METHOD_COLOUR = {"tpe": "#0072B2", "random": "#D55E00", "grid": "#009E73"}
 METHOD_NAME = {"tpe": "TPE", "random": "random", "grid": "exhaustive grid"}
 INITIAL = ("axis", RELEASE)
@@ -257,9 +256,9 @@ def draw_gains(accuracy: pd.DataFrame) -> Figure:
 
 
 @styled
-def draw_sigma(sigma_runs: pd.DataFrame) -> Figure:
-    """Error of the studied runs against the model's uncertainty; filled: fitted to."""
-    table = sigma_runs.dropna(subset=["error_deg", "sigma_num_deg"])
+def draw_sigma(check: pd.DataFrame) -> Figure:
+    """Difference of each pair from the reference against its uncertainty; filled: same mode."""
+    table = check.dropna(subset=["error_deg", "sigma_num_deg"])
     figure = Figure(figsize=(5.6, 4.4), layout="constrained")
     panel = figure.subplots()
     error = table["error_deg"].abs()
@@ -269,16 +268,18 @@ def draw_sigma(sigma_runs: pd.DataFrame) -> Figure:
     line = np.array([low, high])
     for factor, style in ((1, "-"), (2, "--")):
         panel.plot(line, factor * line, style, color="black", linewidth=1)
-    for (name, role), dots in table.groupby(["class", "role"]):
-        dot(panel, dots["sigma_num_deg"], error[dots.index], CLASS_COLOUR[name],
-             CLASS_MARKER[name], role == "model", markersize=7)
-    panel.set(xscale="log", yscale="log", xlabel=r"$\sigma_{num}$ after the model [°]",
+    same = table["mode"] == table["reference_mode"]
+    for (mode, agrees), dots in table.groupby([table["mode"], same]):
+        dot(panel, dots["sigma_num_deg"], error[dots.index], MODE_COLOUR[mode],
+            MODE_MARKER[mode], agrees, markersize=7)
+    panel.set(xscale="log", yscale="log", xlabel=r"$\sigma_{num}$ [°]",
               ylabel="|angle − angle at the reference| [°]")
     _plain(panel)
-    present = [name for name in CLASS_COLOUR if (table["class"] == name).any()]
+    present = [mode for mode in MODE_MARKER if (table["mode"] == mode).any()]
     legend(figure, [
-        *(key(CLASS_COLOUR[n], CLASS_MARKER[n], label=n) for n in present),
-        key(GREY, "o", label="fitted to"), key(GREY, "o", filled=False, label="check"),
+        *(key(MODE_COLOUR[m], MODE_MARKER[m], label=m) for m in present),
+        key(GREY, "o", label="mode of the reference"),
+        key(GREY, "o", filled=False, label="another"),
         key("black", line="-", label="1 σ"), key("black", line="--", label="2 σ"),
     ], ncols=4)  # fmt: skip
     return figure

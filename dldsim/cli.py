@@ -100,8 +100,8 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     stiffness = _named(config, "stiffness_sets", args.set, "--set")
     outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
     from dldsim import jobs
-    from dldsim.accuracy import numerical_uncertainty, read_model
     from dldsim.simulation import simulate_outcome, simulate_run
+    from dldsim.uncertainty import numerical_uncertainty, read_model
 
     sections = (geometry, stiffness, cell, flow, numerics, control)
     settings = {s.__class__.__name__: s.model_dump(mode="json") for s in sections}
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             name = outcome
             result = simulate_outcome(*sections, outcome_id=outcome, stiffness_set=args.set,
                                       progress=progress)
-    sigma, basis = numerical_uncertainty(result.row, control.model_dump(), read_model())
+    sigma, basis = numerical_uncertainty(result.row, read_model())
     summary = {**result.row, "sigma_num_deg": sigma, "sigma_num_basis": basis}
     if args.out:
         trajectory = args.out / f"{name}.trajectory.parquet"

@@ -191,7 +191,7 @@ class RunControl(Section):
         "above the lower pillar of its gap / P_g; 0.5 is the source's",
     )
     outcome_rows_max: int = Field(
-        150, ge=2, description="most rows over all releases of an outcome; then it is undecided"
+        100, ge=2, description="most rows over all releases of an outcome; then it is undecided"
     )
 
     @field_validator("release_gap_fractions")
@@ -498,22 +498,81 @@ class Accuracy(Section):
 
     migration_angle: AngleStudy = AngleStudy()
     deformation_index: IndexStudy = IndexStudy()
-    model_runs: list[RunId] = Field(
-        [], description="runs from which the model of the numerical uncertainty is made"
-    )
-    check_runs: list[RunId] = Field([], description="runs on which that model is checked")
-
-    @model_validator(mode="after")
-    def _checked_on_others(self) -> "Accuracy":
-        if both := sorted(set(self.model_runs) & set(self.check_runs)):
-            raise ValueError(f"check_runs must not be model_runs: {', '.join(both)}")
-        return self
 
     @property
     def array_runs(self) -> list[str]:
         """Identifiers of all array runs of the study, each once."""
-        cases = self.migration_angle.cases.values()
-        return list(dict.fromkeys([*cases, *self.model_runs, *self.check_runs]))
+        return list(dict.fromkeys(self.migration_angle.cases.values()))
+
+
+class StudyNumerics(Section):
+    """Numerical settings of the reference: what differs from the campaign's."""
+
+    spacing_um: float = Field(gt=0, description="largest lattice spacing wanted")
+    reynolds_max: float = Field(gt=0, description="largest numerical Reynolds number")
+
+
+class CriticalGap(Section):
+    """An array and a cell whose transition from bump to zigzag is searched over the gap."""
+
+    pillar_radius_um: Length = Field(description="pillar radius P_r")
+    periodicity: int = Field(ge=2, le=100, description="periodicity N_p")
+    stiffness_set: str = Field(description="name from stiffness_sets")
+    bracket_um: tuple[Length, Length] = Field(
+        description="gap at which the cell bumps, gap at which it does not"
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "CriticalGap":
+        if self.bracket_um[0] >= self.bracket_um[1]:
+            raise ValueError("bracket_um: the smaller gap, at which the cell bumps, first")
+        return self
+
+
+class CriticalDiameter(Section):
+    """Stiff spheres whose critical gap is compared with the empirical law of Davis (2008)."""
+
+    periodicities: list[Annotated[int, Field(ge=2, le=100)]] = Field(
+        [], description="periodicities N_p"
+    )
+    radius_um: float = Field(5.0, gt=0, description="radius of the sphere")
+    height_um: float = Field(30.0, gt=0, description="channel height")
+    stiffness: Stiffness = Field(
+        Stiffness(ks_uN_per_m=150, kb_pN_um=0, kal_uN_per_m=150, kag_uN_per_m=3000, kv_Pa=1e6,
+                  kvisc_nN_s_per_m=0),
+        description="membrane of the sphere; at 0.75 µPa·m of μU, Ca = μU/k_s is 0.005",
+    )
+
+
+class Reference(Section):
+    """Array × cell pairs followed on finer lattices, and critical gaps against the settings."""
+
+    pairs: list[RunId] = Field([], description="identifiers of the pairs")
+    finest: list[RunId] = Field([], description="those of them that get the finest lattice too")
+    numerics: StudyNumerics = Field(
+        StudyNumerics(spacing_um=0.6, reynolds_max=0.1), description="of all pairs"
+    )
+    finest_numerics: StudyNumerics = Field(
+        StudyNumerics(spacing_um=0.42, reynolds_max=0.1), description="of the finest"
+    )
+    releases: list[Fraction] = Field(
+        [0.2, 0.5, 0.8], min_length=1, description="places of release, as shares of the gap"
+    )
+    rows: int = Field(100, ge=2, description="most rows that a cell is followed from a release")
+    critical_gaps: list[CriticalGap] = Field([], description="transitions that are searched")
+    critical_diameters: CriticalDiameter = CriticalDiameter()
+    spacings_um: list[Annotated[float, Field(gt=0)]] = Field(
+        [1.25, 0.9, 0.63], description="lattice spacings of the searches, coarse to fine"
+    )
+    reynolds_max: list[Annotated[float, Field(gt=0)]] = Field(
+        [0.3, 0.15, 0.075], description="numerical Reynolds numbers of the searches, falling"
+    )
+
+    @model_validator(mode="after")
+    def _finest_are_pairs(self) -> "Reference":
+        if unknown := [run for run in self.finest if run not in self.pairs]:
+            raise ValueError(f"finest must be among pairs; not there: {', '.join(unknown)}")
+        return self
 
 
 class Config(Section):
@@ -538,6 +597,7 @@ class Config(Section):
     device: Device = Device()
     fabrication: Fabrication = Fabrication()
     accuracy: Accuracy = Accuracy()
+    reference: Reference = Reference()
 
     @field_validator("cell", mode="before")
     @classmethod
@@ -557,6 +617,9 @@ class Config(Section):
             for group, value in self.constriction_groups.items()
         ]
         uses += [(f"accuracy: {run}", run.rpartition("_s")[2]) for run in self.accuracy.array_runs]
+        uses += [(f"reference: {run}", run.rpartition("_s")[2]) for run in self.reference.pairs]
+        uses += [("reference.critical_gaps", gap.stiffness_set)
+                 for gap in self.reference.critical_gaps]
         for request in self.design_requests:
             uses += [
                 (f"design_requests {request.name}", request.stiffness_set_1),

@@ -4,7 +4,6 @@ In a campaign a crash (an exception) becomes a row of status "failed"; see :mod:
 """
 
 import contextlib
-import json
 import shutil
 import sys
 import time
@@ -264,22 +263,14 @@ def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path
 
 
 def gather_accuracy(rows: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
-                    table: Path, model: Path, classes: Path, runs: Path) -> None:
-    """Tables and model of the accuracy study from its runs (variant, file of its row)."""
+                    table: Path) -> None:
+    """Table of the accuracy study from its runs (variant, file of its row)."""
     found = []
     for identifier, path in rows:
         variant = accuracy.parse_variant(identifier)
         found.append((variant, read_rows(accuracy.kind_of(variant), path)[0]))
-    points, fitted, checked = accuracy.study(found, config)
-    about = provenance(settings)
-    for kind, content, path in (
-        ("accuracy", points, table), ("sigma_num", accuracy.class_rows(fitted), classes),
-        ("sigma_num_runs", checked, runs),
-    ):  # fmt: skip
-        write_table(kind, content, path, about)
-        write_csv(kind, path)
-    with atomic_path(model) as part:
-        part.write_text(json.dumps(fitted, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_table("accuracy", accuracy.table(found, config), table, provenance(settings))
+    write_csv("accuracy", table)
 
 
 def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:

@@ -25,11 +25,13 @@ from dldsim import (
     analysis_figures,
     design_figures,
     figures,
+    spot_check,
     stability_figures,
     stability_sweep,
+    uncertainty,
     validation_figures,
 )
-from dldsim.accuracy import ANGLE, INDEX, SETTING, coverage
+from dldsim.accuracy import ANGLE, INDEX, SETTING
 from dldsim.campaign import settings_hash
 from dldsim.errors import DldsimError
 from dldsim.statistics import GEOMETRY, most_frequent
@@ -64,8 +66,9 @@ TABLES = {
     "validation": ("validation.parquet", "validation"),
     "accuracy": ("accuracy.parquet", "accuracy"),
     "stability": ("stability.parquet", "stability"),
-    "sigma_num": ("sigma_num.parquet", "accuracy"),
-    "sigma_num_runs": ("sigma_num_runs.parquet", "accuracy"),
+    "reference_check": ("reference_check.parquet", "reference_check"),
+    "spot_check": ("spot_check.parquet", "spot_check"),
+    "convergence": ("reference/convergence.parquet", "critical_gaps"),
 }
 """Table kind: file in the results folder, rule that makes it."""
 REQUIRED = ("outcomes", "runs")
@@ -1448,8 +1451,12 @@ def _accuracy(campaign: Campaign) -> str:
         parts += _work_precision(campaign)
     parts.append("<h3>Numerical uncertainty of an angle</h3>")
     parts.append(_basis_of_sigma(campaign))
-    if {"sigma_num", "sigma_num_runs"} <= set(campaign.tables):
-        parts += _sigma_model(campaign)
+    if "reference_check" in campaign:
+        parts += _reference_check(campaign)
+    if "spot_check" in campaign:
+        parts += _spot_check(campaign)
+    if "convergence" in campaign:
+        parts.append(_convergence(campaign))
     parts.append("<h3>Surrogate: error against the number of outcomes</h3>")
     if "learning_curve" not in campaign:
         parts.append(campaign.absent("learning_curve"))
@@ -1580,64 +1587,86 @@ def _points_table(campaign: Campaign) -> str:
 
 
 def _basis_of_sigma(campaign: Campaign) -> str:
-    bases = campaign.outcomes["sigma_num_basis"].value_counts()
-    listed = "; ".join(f"{text(basis)} ({counted(int(n), 'outcome')})"
-                       for basis, n in bases.items())
+    bases = campaign.outcomes["sigma_num_basis"].str.partition(":")[0].value_counts()
+    listed = "; ".join(f"{text(basis)} ({number(int(n))})" for basis, n in bases.items())
     return (
-        "<p>σ<sub>num</sub>² = σ<sub>interval</sub>² + (<i>c</i> θ<sub>bump</sub>)²: how well the "
-        "settled mean is known (95 % interval / 3.92), and what the angle of a run of that mode is "
-        "off by at default settings, measured on other runs. What is undecided or coexisting has "
-        "half a bump angle in place of <i>c</i> θ<sub>bump</sub>: σ<sub>num</sub> spans the modes. "
-        "It is one standard deviation. In this campaign it is "
-        f"{listed}.</p>"
+        "<p>σ<sub>num</sub>² = (<i>h</i>/1.96)² + (<i>c</i> θ<sub>bump</sub>)² + <i>v</i> Δ²: half "
+        "the 95 % interval of the angle; what angles of the same mode are off by; and the step to "
+        "the other mode, whose variance <i>v</i> follows from the distance to the transition and "
+        "is ¼ where the other mode has a chance of 5 % or more. It is one standard deviation. In "
+        f"this campaign it is {listed}.</p>"
     )
 
 
-def _sigma_model(campaign: Campaign) -> list[str]:
-    classes, runs = campaign["sigma_num"], campaign["sigma_num_runs"]
-    found = {role: coverage(_records(runs), role) for role in ("model", "check")}
-    parts = []
-    if runs["error_over_sigma"].notna().any():
+def _reference_check(campaign: Campaign) -> list[str]:
+    check = campaign["reference_check"]
+    parts = [f"<p>{text(uncertainty.closing_sentence(_records(check)))}</p>"]
+    if check["error_over_sigma"].notna().any():
         parts.append(campaign.figure(
-            "sigma_num", accuracy_figures.draw_sigma(runs),
-            "Error of runs at default settings against the same runs at the combined reference, "
-            "beside the σ<sub>num</sub> that the model gives them. Of the "
-            f"{found['check']['runs']} check runs, which the model has not seen, "
-            f"{found['check']['within_1_sigma']} are within one σ<sub>num</sub> and "
-            f"{found['check']['within_2_sigma']} within two; normal errors would be so in 68 % and "
-            f"95 % of cases. Of the {found['model']['runs']} runs fitted to: "
-            f"{found['model']['within_1_sigma']} and {found['model']['within_2_sigma']}. Measured.",
-            ["sigma_num_runs"],
+            "sigma_num", accuracy_figures.draw_sigma(check),
+            "Difference of the angles at the campaign's numerics from those at the reference's, "
+            "beside σ<sub>num</sub>. Measured.", ["reference_check"],
         ))
     parts.append(campaign.table(
         {
-            "class": _texts(classes["class"]), "studied runs": _numbers(classes["runs"]),
-            "rms of error / θ<sub>bump</sub>": map(_percent, classes["rms_share"]),
-            "factor for few runs": _angles(classes["confidence_factor"]),
-            "<i>c</i>": map(_percent, classes["share"]),
-        },
-        "Coefficients of σ<sub>num</sub>, by mode. The factor is Student's t at one standard "
-        "deviation.", ["sigma_num"],
-    ))
-    parts.append(campaign.table(
-        {
-            "run": _texts(runs["run_id"]), "role": _texts(runs["role"]),
+            "pair": _texts(check["outcome_id"]),
             "mode": [text(m if m == r else f"{m}, reference {r}") for m, r in zip(
-                runs["mode"], runs["reference_mode"], strict=True)],
-            "θ<sub>m</sub> [°]": _angles(runs["migration_angle_deg"]),
-            "reference [°]": _angles(runs["reference_angle_deg"]),
-            "error [°]": _angles(runs["error_deg"]),
-            "σ<sub>num</sub> [°]": _angles(runs["sigma_num_deg"]),
+                check["mode"], check["reference_mode"], strict=True)],
+            "θ<sub>m</sub> [°]": _angles(check["migration_angle_deg"]),
+            "reference [°]": _angles(check["reference_angle_deg"]),
+            "difference [°]": _angles(check["error_deg"]),
+            "σ<sub>num</sub> [°]": _angles(check["sigma_num_deg"]),
+            "distance, reference": [f"{fixed(a, 2)}, {fixed(b, 2)}" for a, b in zip(
+                check["transition_distance"], check["reference_distance"], strict=True)],
             "spacings [µm]": [f"{number(a)}, {number(b)}" for a, b in zip(
-                runs["spacing_um"], runs["reference_spacing_um"], strict=True)],
-            "status": [text(s if s == r else f"{s}, reference {r}") for s, r in zip(
-                runs["status"], runs["reference_status"], strict=True)],
+                check["spacing_um"], check["reference_spacing_um"], strict=True)],
+            "verdict": _texts(check["verdict"]),
         },
-        "Runs of the model and its check. Shaded: a motion had not settled, here or at the "
-        "reference.", ["sigma_num_runs"],
-        ~(runs["status"].isin(figures.SETTLED) & runs["reference_status"].isin(figures.SETTLED)),
+        "Pairs of the reference at the campaign's numerics. Distance: from the transition, in row "
+        "shifts. Shaded: not within two σ<sub>num</sub>, or not to be told.", ["reference_check"],
+        ~(check["error_over_sigma"] <= uncertainty.BEYOND),
     ))
     return parts
+
+
+def _spot_check(campaign: Campaign) -> list[str]:
+    check = campaign["spot_check"]
+    return [
+        f"<p>{text(spot_check.closing_sentence(_records(check)))}</p>",
+        campaign.table(
+            {
+                "outcome": _texts(check["outcome_id"]),
+                "mode": [text(m if m == r else f"{m}, check {r}") for m, r in zip(
+                    check["mode"], check["check_mode"], strict=True)],
+                "θ<sub>m</sub> [°]": _angles(check["migration_angle_deg"]),
+                "check [°]": _angles(check["check_angle_deg"]),
+                "σ<sub>num</sub> [°]": _angles(check["sigma_num_deg"]),
+                "verdict": _texts(check["verdict"]),
+            },
+            "Outcomes drawn at random, once more with half the spacing, half the numerical "
+            f"Reynolds number, {spot_check.ROWS} rows and from other places. Shaded: changed by "
+            "more than two σ<sub>num</sub>, or not to be told.", ["spot_check"],
+            ~(check["change_over_sigma"] <= uncertainty.BEYOND),
+        ),
+    ]  # fmt: skip
+
+
+def _convergence(campaign: Campaign) -> str:
+    found = campaign["convergence"]
+    return campaign.table(
+        {
+            "P<sub>r</sub> [µm]": _numbers(found["pillar_radius_um"]),
+            "N<sub>p</sub>": _numbers(found["periodicity"]), "cell": _texts(found["stiffness_set"]),
+            "knob": _texts(found["knob"]),
+            "steps": [", ".join(fixed(v, 3) for v in steps) for steps in found["steps"]],
+            "critical gaps [µm]": [", ".join(fixed(v, 2) for v in gaps)
+                                   for gaps in found["critical_gaps_um"]],
+            "order": _angles(found["observed_order"]),
+            "limit [µm]": _angles(found["extrapolated_gap_um"]),
+            "campaign − limit [µm]": _angles(found["error_um"]), "note": _texts(found["note"]),
+        },
+        "Gap at which the bump lane vanishes, one setting changed at a time.", ["convergence"],
+    )
 
 
 def _interval(low, high) -> list[str]:

@@ -15,7 +15,7 @@ from dldsim.config import (
     Stiffness,
 )
 from dldsim.constriction import simulate_constriction
-from dldsim.drag import hydrodynamic_radius
+from dldsim.drag import hydrodynamic_radius as radius_from_drag
 from dldsim.errors import DldsimError
 from dldsim.flow import EmptyFlow, array_of, solve_empty_array
 from dldsim.reference import read_reference
@@ -34,7 +34,7 @@ OFFSETS = (0.5, 0.5, 0.5), (0.25, 0.0, 0.0), (0.1, 0.3, 0.2)
 HELD = "radius of the sphere"
 
 
-def held_sphere() -> Iterator[Comparison]:
+def hydrodynamic_radius() -> Iterator[Comparison]:
     """Radius of the solid sphere with the drag of a held sphere of vertices, in nodes.
 
     Marks: a tenth of a node, at any radius, relaxation time and place of the centre, with the
@@ -50,7 +50,7 @@ def held_sphere() -> Iterator[Comparison]:
               for kernel in ("linear", "3-point", "4-point")]  # fmt: skip
     found = {}
     for variant, radius, settings in cases:
-        value = hydrodynamic_radius(radius, **settings)
+        value = radius_from_drag(radius, **settings)
         found[variant, radius] = value
         shown = {"edge_to_spacing", "kernel"} & {*settings}
         yield Comparison(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from dldsim import accuracy, campaign
+from dldsim import campaign, uncertainty
 from dldsim.calibration import stiffness_for
 from dldsim.config import CellShape, DesignRequest, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.config import Verification as Budget
@@ -125,7 +125,7 @@ class Simulator:
 
     def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
         self.directory, self.scene, self.progress = Path(directory), scene, progress
-        self.model = accuracy.read_model()
+        self.model = uncertainty.read_model()
         self._flow: tuple[Any, Any] = (None, None)
 
     def __call__(
@@ -145,7 +145,7 @@ class Simulator:
         if not (shapes.exists() and made_with(files.outcome, digest)):
             self._simulate(geometry, population, scene, name, settings)
         [row] = read_rows("outcomes", files.outcome)
-        sigma, basis = accuracy.numerical_uncertainty(row, scene.control.model_dump(), self.model)
+        sigma, basis = uncertainty.numerical_uncertainty(row, self.model)
         return {
             **row, "deformation_index": population.deformation_index,
             "deformation_index_std": population.deformation_index_std,

@@ -1,20 +1,18 @@
-"""The study of error against run time, and the model of σ_num: runs, errors, fit, limits."""
+"""The study of error against run time: runs, errors, figures."""
 
-import json
 import math
 
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import norm
 
-from dldsim import PHYSICS_VERSION, accuracy, accuracy_figures, figures
+from dldsim import accuracy, accuracy_figures, figures
 from dldsim.accuracy import DEFAULT, LONG, REFERENCE, SETTING, Variant
 from dldsim.config import Accuracy, read_config
 from dldsim.errors import DldsimError
 from dldsim.tables import COLUMNS, write_table
 
-ONE, OTHER, UNSEEN = "r05.0_g20.0_n04_s1", "r07.0_g16.0_n08_s1", "r09.0_g12.0_n08_s5"
+ONE = "r05.0_g20.0_n04_s1"
 BUMP = math.degrees(math.atan(1 / 4))
 
 
@@ -30,7 +28,6 @@ def study(**changes):
             "cases": ["G1"], "knobs": {"spacing_um": [2.0, 1.0], "release_position_um": [3.0, 0.0]},
             "reference": {"velocity_lu": 0.005, "spacing_um": 0.8},
         },
-        "model_runs": [ONE, OTHER], "check_runs": [UNSEEN],
     } | changes)  # fmt: skip
 
 
@@ -83,8 +80,6 @@ def test_each_run_once_from_each_start(config):
     points = [(v.knob, v.rank) for v in runs if v.run == ONE and v.start == 1]
     assert points == [(DEFAULT, 0), ("spacing_um", 0), ("spacing_um", 2), (LONG, 0), ("axis", 0),
                       (SETTING, 0), (REFERENCE, 0)]  # fmt: skip
-    once = [Variant(OTHER, DEFAULT), Variant(OTHER, REFERENCE)]
-    assert [v for v in runs if v.run == OTHER] == once
     assert {v.start for v in runs if v.run == "G1"} == {0}
 
 
@@ -113,14 +108,9 @@ def test_a_variant_changes_what_it_names(config):
      ("deformation_index", {"rows": [1, 2], "gap_um": [1, 2]}, "gap_um")],
 )
 def test_an_impossible_knob_is_named(config, part, knobs, word):
-    changed = study(**{part: {"knobs": knobs}, "model_runs": [], "check_runs": []})
+    changed = study(**{part: {"knobs": knobs}})
     with pytest.raises(DldsimError, match=word):
         accuracy.variants(config.model_copy(update={"accuracy": changed}))
-
-
-def test_a_run_cannot_check_itself():
-    with pytest.raises(ValueError, match="check_runs"):
-        study(check_runs=[ONE])
 
 
 # ---------------------------------------------------------------------------------- replaying
@@ -160,8 +150,6 @@ def runs(config):
     found |= {Variant("G1", DEFAULT): channel(0.70), Variant("G1", "spacing_um", 0): channel(0.73),
               Variant("G1", "release_position_um", 0): channel(0.71),
               Variant("G1", REFERENCE): channel(0.75)}
-    for run, angle, reference in ((OTHER, 2.0, 1.0), (UNSEEN, 0.3, 0.0)):
-        found |= {Variant(run, DEFAULT): row(angle, run), Variant(run, REFERENCE): row(reference)}
     return found
 
 
@@ -198,123 +186,6 @@ def test_noise_is_that_of_a_difference_of_means(points, runs):
 def test_rows_are_those_of_the_tables(points, config, runs, tmp_path):
     assert all(set(p) == {c.name for c in COLUMNS["accuracy"]} for p in points)
     write_table("accuracy", points, tmp_path / "a.parquet", {})
-    _, model, checked = accuracy.study(
-        {k: v | {"numerics": json.dumps(config.numerics.model_dump())} for k, v in runs.items()
-         }.items(), config)
-    write_table("sigma_num", accuracy.class_rows(model), tmp_path / "b.parquet", {})
-    write_table("sigma_num_runs", checked, tmp_path / "c.parquet", {})
-    assert [r["role"] for r in checked] == ["model", "model", "check"]
-    assert model["check"] == {"runs": 1, "within_1_sigma": 1, "within_2_sigma": 1}
-    json.dumps(model, allow_nan=False)
-
-
-# ---------------------------------------------------------------------------------- σ_num
-
-
-def test_confidence_factor_is_students():
-    """Textbook: t at 84.13 % is 1.84 for one degree of freedom, and goes to one."""
-    assert accuracy.confidence_factor(1) == pytest.approx(1.837, abs=2e-3)
-    assert accuracy.confidence_factor(4) == pytest.approx(1.142, abs=2e-3)
-    assert accuracy.confidence_factor(10**6) == pytest.approx(1, abs=1e-4)
-
-
-def with_numerics(made, config):
-    return made | {"numerics": json.dumps(config.numerics.model_dump(mode="json"))}
-
-
-@pytest.fixture(scope="module")
-def model(config):
-    unsettled = row(2.0, status="undecided")
-    pairs = [(row(1.0), row(0.7)), (row(0.2), row(0.6)), (unsettled, row(0.0)),
-             (row(None), row(0.0))]
-    return accuracy.fit_model(pairs, config)
-
-
-def test_coefficients_by_hand(model):
-    zigzag = model["classes"]["zigzag"]
-    rms = math.sqrt((0.3**2 + 0.4**2) / 2) / BUMP
-    assert zigzag["runs"] == 2 and zigzag["rms_share"] == pytest.approx(rms)
-    assert zigzag["share"] == pytest.approx(rms * accuracy.confidence_factor(2))
-    assert set(model["classes"]) == {"zigzag"}
-
-
-def test_uncertainty_adds_interval_and_class(model, config):
-    control = config.run_control.model_dump()
-    sigma, basis = accuracy.numerical_uncertainty(with_numerics(row(1.0), config), control, model)
-    assert sigma == pytest.approx(math.hypot(0.1, model["classes"]["zigzag"]["share"] * BUMP))
-    assert basis.startswith("modelled: zigzag, 2")
-    other = with_numerics(row(1.0, periodicity=8, mean_velocity_mm_s=1.0), config)
-    sigma, basis = accuracy.numerical_uncertainty(other, control, model)
-    assert sigma and basis.startswith("extrapolated")
-    assert "periodicity" in basis and "mean_velocity_mm_s" in basis
-
-
-@pytest.mark.parametrize("status", ["undecided", "coexisting"])
-def test_what_is_open_has_an_uncertainty_that_spans_the_modes(config, status):
-    """Half a bump angle, with or without a study."""
-    made = row(0.5 * BUMP, status=status, mode="mixed", **interval(0.5 * BUMP, BUMP / 2))
-    sigma, basis = accuracy.numerical_uncertainty(made, config.run_control.model_dump(), None)
-    assert basis == f"spans the modes: {status}"
-    assert sigma == pytest.approx(BUMP / 2 * math.hypot(1, 1 / 1.96))
-
-
-@pytest.mark.parametrize(
-    ("changes", "control", "spoil", "words"),
-    [
-        ({}, {}, lambda m: None, "no accuracy study"),
-        ({}, {}, lambda m: m | {"physics_version": PHYSICS_VERSION + 1}, "physics version"),
-        ({"numerics": {"spacing_um": 2.5}}, {}, lambda m: m, "spacing_um = 2.5"),
-        ({}, {"max_rows": 7}, lambda m: m, "max_rows = 7"),
-        ({"mode": "bump"}, {}, lambda m: m, "no run of the study is bump"),
-        ({"angle_low_deg": None}, {}, lambda m: m, "no angle"),
-        ({"status": "stuck", "mode": "none", "migration_angle_deg": None}, {}, lambda m: m,
-         "no angle"),
-    ],
-)
-def test_what_was_not_studied_has_no_uncertainty(model, config, changes, control, spoil, words):
-    made = with_numerics(row(1.0), config) | changes
-    if "numerics" in changes:
-        made["numerics"] = json.dumps(config.numerics.model_dump() | changes["numerics"])
-    sigma, basis = accuracy.numerical_uncertainty(
-        made, config.run_control.model_dump() | control, spoil(model)
-    )
-    assert sigma is None and words in basis
-
-
-def test_model_of_normal_errors_covers_as_it_says(config):
-    """Errors of 3 % of the bump angle: a σ_num from six runs covers about 68 % of new ones."""
-    rng = np.random.default_rng(3)
-    control, covered = config.run_control.model_dump(), []
-    for _ in range(300):
-        pairs = [(row(e, **interval(e, 0.0)), row(0.0)) for e in rng.normal(0, 0.03 * BUMP, 6)]
-        fitted = accuracy.fit_model(pairs, config)
-        made = with_numerics(row(0.0, **interval(0.0, 0.0)), config)
-        sigma, _ = accuracy.numerical_uncertainty(made, control, fitted)
-        covered.append(2 * norm.cdf(sigma / (0.03 * BUMP)) - 1)
-    assert np.mean(covered) == pytest.approx(0.683, abs=0.03)
-
-
-def test_runs_get_their_uncertainty(model, config):
-    table = pd.DataFrame([with_numerics(row(1.0), config), with_numerics(row(None), config)])
-    joined = accuracy.with_uncertainty(table, config.run_control.model_dump(), model)
-    assert joined["sigma_num_deg"].notna().tolist() == [True, False]
-    assert joined["sigma_num_basis"].str.partition(":")[0].tolist() == ["modelled", "no angle"]
-
-
-def test_model_file_is_checked(tmp_path):
-    path = tmp_path / "sigma_num.json"
-    assert accuracy.read_model(path) is None
-    for content in ("{", "[]", '{"kind": "other"}'):
-        path.write_text(content)
-        with pytest.raises(DldsimError, match=r"sigma_num\.json"):
-            accuracy.read_model(path)
-
-
-def test_installed_model_reads_as_one():
-    """Whatever study is installed, or none."""
-    model = accuracy.read_model()
-    assert model is None or model["physics_version"] != PHYSICS_VERSION or (
-        set(model["classes"]) <= set(accuracy.CLASSES))
 
 
 # -------------------------------------------------------------------------------- figures
@@ -345,12 +216,9 @@ def test_front_holds_what_nothing_beats():
 
 def test_every_figure_draws(points, config, runs):
     table = pd.DataFrame(points)
-    made = {k: v | {"numerics": json.dumps(config.numerics.model_dump())} for k, v in runs.items()}
-    checked = pd.DataFrame(accuracy.study(made.items(), config)[2])
     for figure in (
         accuracy_figures.draw_knobs(table, "migration_angle"),
         accuracy_figures.draw_knobs(table, "deformation_index"),
         accuracy_figures.draw_pareto(table), accuracy_figures.draw_gains(table),
-        accuracy_figures.draw_sigma(checked),
     ):
         assert figures.render(figure, "svg").startswith(b"<?xml")

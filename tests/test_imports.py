@@ -9,10 +9,10 @@ PACKAGE = Path(__file__).parents[1] / "dldsim"
 
 FLOORS = [
     {"errors", "_numba"},
-    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "accuracy"},
-    {"lattice", "geometry", "membrane", "finite_element", "coupling",
-     "mirror"},
-    {"flow", "cellflow"},
+    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "uncertainty",
+     "accuracy", "spot_check"},
+    {"lattice", "geometry", "membrane", "finite_element", "coupling", "mirror"},
+    {"flow", "cellflow", "reference_study"},
     {"stability"},
     {"simulation", "constriction"},
     {"shear", "drag", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
@@ -22,7 +22,7 @@ FLOORS = [
      "design_figures", "report", "movie"},
     {"export", "design_report"},
     {"jobs"},
-    {"verification"},
+    {"verification", "reference_jobs"},
     {"design_jobs"},
     {"cli"},
     {"__main__"},
@@ -30,7 +30,7 @@ FLOORS = [
 """From the ground up; a module imports from its own floor and those below."""
 
 LIGHT = {"errors", "stability_sweep", "config", "campaign", "accuracy", "reference", "validation",
-         "cli", "__main__"}
+         "reference_study", "spot_check", "uncertainty", "cli", "__main__"}
 """Read by rule files and at the start of every command: no heavy import at their top."""
 HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
          "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}

@@ -272,7 +272,8 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
 
 
 def accuracy_tables() -> dict[str, pd.DataFrame]:
-    """Two cases, one knob, two whole settings; a point without a value; every class of σ_num."""
+    """Two cases, one knob, two whole settings; a point without a value; what σ_num is judged
+    by."""
     blank = dict.fromkeys(c.name for c in COLUMNS["accuracy"])
     points = []
     for quantity, case in (("migration_angle", "bump"), ("migration_angle", "edge"),
@@ -293,18 +294,28 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
                 "settled": case != "edge" and error is not None, "wall_time_s": time,
                 "rows": 20.0,
             })  # fmt: skip
-    classes = [{"class": name, "runs": n, "rms_share": n and 0.02 or None,
-                "confidence_factor": n and 1.2 or None, "share": n and 0.024 or None}
-               for name, n in (("bump", 3), ("mixed", 2), ("zigzag", 0))]
-    runs = [dict.fromkeys(c.name for c in COLUMNS["sigma_num_runs"]) | {
-        "run_id": f"r{i}", "role": role, "class": name, "pillar_radius_um": 5.0, "gap_um": 20.0,
-        "periodicity": 8, "stiffness_set": "1", "mode": name, "status": "periodic",
-        "bump_angle_deg": 7.1, "migration_angle_deg": 1.0, "spacing_um": 1.25,
-        "reference_angle_deg": 1.2, "reference_mode": "bump", "reference_status": "undecided",
-        "reference_spacing_um": 0.9, "error_deg": -0.2, "sigma_num_deg": 0.15,
-        "error_over_sigma": 4 / 3, "sigma_num_basis": "modelled",
-    } for i, (role, name) in enumerate((("model", "bump"), ("model", "zigzag"), ("check", "mixed")))
+    blank = dict.fromkeys(c.name for c in COLUMNS["reference_check"])
+    check = [blank | {
+        "outcome_id": f"o{i}", "pillar_radius_um": 5.0, "gap_um": 20.0, "periodicity": 8,
+        "stiffness_set": "1", "mode": mode, "reference_mode": "bump", "status": "decided",
+        "reference_status": "decided", "bump_angle_deg": 7.1, "migration_angle_deg": angle,
+        "reference_angle_deg": 7.1, "error_deg": angle and angle - 7.1, "sigma_num_deg": 0.15,
+        "error_over_sigma": angle and (7.1 - angle) / 0.15, "sigma_num_basis": "modelled: far",
+        "verdict": "so <and> so",
+    } for i, (mode, angle) in enumerate((("bump", 7.0), ("mixed", 2.0), ("none", None)))
     ]  # fmt: skip
+    blank = dict.fromkeys(c.name for c in COLUMNS["spot_check"])
+    spot = [blank | {
+        "outcome_id": "o0", "pillar_radius_um": 5.0, "gap_um": 20.0, "periodicity": 8,
+        "stiffness_set": "1", "mode": "bump", "check_mode": "mixed", "status": "decided",
+        "check_status": "decided", "change_over_sigma": 3.0, "verdict": "changes",
+    }]  # fmt: skip
+    convergence = [{
+        "pillar_radius_um": 8.0, "periodicity": 10, "stiffness_set": "3", "cell_shape": "biconcave",
+        "cell_radius_um": 7.5, "knob": "spacing_um", "steps": [1.1, 0.8, 0.6],
+        "critical_gaps_um": [17.0, 17.2, 17.3], "range_um": 0.3, "observed_order": None,
+        "extrapolated_gap_um": None, "error_um": None, "note": "no order",
+    }]  # fmt: skip
     curve = [{"model": model, "repeat": k, "geometries": n, "outcomes": 3 * n, "n_test": 6,
               "rmse_deg": error * (1 + 1 / n) + 0.01 * k, "mae_deg": 0.1, "fit_time_s": 0.1,
               "simulation_time_s": 12.0 * n}
@@ -313,8 +324,9 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
     regret = [{"request": "soft <from> stiff", "method": method, "repeat": 0, "evaluations": n,
                "best_deg": 3 - 1 / n, "regret_deg": 1 / n, "time_s": 0.01 * n}
               for method in ("tpe", "random", "grid") for n in (1, 10, 100)]
-    return {"accuracy": pd.DataFrame(points), "sigma_num": pd.DataFrame(classes),
-            "sigma_num_runs": pd.DataFrame(runs), "learning_curve": pd.DataFrame(curve),
+    return {"accuracy": pd.DataFrame(points), "reference_check": pd.DataFrame(check),
+            "spot_check": pd.DataFrame(spot), "convergence": pd.DataFrame(convergence),
+            "learning_curve": pd.DataFrame(curve),
             "search_regret": pd.DataFrame(regret)}
 
 

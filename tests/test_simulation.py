@@ -15,7 +15,7 @@ from dldsim.flow import array_of, solve_empty_array
 from dldsim.simulation import Path, Reporter, make_scene, simulate_outcome, simulate_run
 from dldsim.stability import refined
 from dldsim.tables import COLUMNS, read_rows, write_table
-from dldsim.trajectory import row_crossings
+from dldsim.trajectory import Migration, row_crossings
 
 SET_1 = Stiffness(
     ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
@@ -116,6 +116,18 @@ def test_a_run_repeats_bit_for_bit(empty, result):
     for name, values in columns(again).items():
         if name not in timed:
             assert np.array_equal(values, expected[name]), name
+
+
+@pytest.mark.parametrize(("fewest", "rows"), [(1, 1), (2, 2), (5, 3)])
+def test_a_settled_run_goes_on_to_its_fewest_rows(empty, monkeypatch, fewest, rows):
+    """But to no more than the most."""
+    settled = Migration("converged", "told so", mode="none", **dict.fromkeys(
+        ("migration_angle_deg", "angle_low_deg", "angle_high_deg", "first_period_angle_deg",
+         "settled_row", "row_map_peak", "transition_distance", "capture_chance")),
+        orbit_rows=1, lateral_steps=np.zeros(1))  # fmt: skip
+    monkeypatch.setattr("dldsim.simulation.analyse_path", lambda *_: settled)
+    control = THREE_ROWS.model_copy(update={"min_rows": fewest})
+    assert run(empty, control).row["rows_completed"] == rows
 
 
 def test_a_given_empty_flow_is_the_one_a_run_solves(result):

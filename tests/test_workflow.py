@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dldsim import campaign
+from dldsim import campaign, reference_study
 from dldsim.config import read_config
 from dldsim.tables import read_rows
 
@@ -127,6 +127,50 @@ FLOWS = {"empty_flow": 8, "flows": 1}
 )
 def test_a_changed_value_reruns_its_dependents_only(finished, change, expected):
     assert planned(finished, "all", "--config", "preset=tiny", change) == expected
+
+
+def test_the_reference_is_a_target_of_its_own(tmp_path):
+    folder = copy_workflow(tmp_path)
+    counts = planned(folder, "reference")
+    config = read_config(ROOT / "config.yaml")
+    searches = reference_study.searches(config)
+    assert counts == {
+        "reference_pair": len(reference_study.pairs(config)),
+        "critical_gap_point": reference_study.POINTS * len(searches),
+        "reference_outcomes": 1, "critical_gaps": 1, "reference": 1,
+    }  # fmt: skip
+    for target in ("all", "accuracy"):
+        assert not {"reference_pair", "critical_gap_point"} & set(planned(folder, target))
+
+
+def test_a_finished_point_is_not_made_again(tmp_path):
+    """The second point of a search, and what follows, but not the first."""
+    folder = copy_workflow(tmp_path)
+    config = read_config(ROOT / "config.yaml")
+    first = reference_study.search_id(reference_study.searches(config)[0])
+    files = [f"results/reference/searches/{first}--{number}.parquet" for number in range(3)]
+    for name in files[:2]:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("shell")
+    snakemake(folder, files[1], "--touch", "--forceall")
+    assert planned(folder, files[2]) == {"critical_gap_point": 1}
+
+
+def test_a_comparison_without_a_reference_is_refused_before_it_runs(tmp_path):
+    """Where the package holds one, its pairs are simulated at the campaign's numerics."""
+    folder = copy_workflow(tmp_path)
+    if (reference_study.DATA / "reference_outcomes.parquet").exists():
+        pairs = read_config(ROOT / "config.yaml").reference.pairs
+        assert planned(folder, "reference_check") == {
+            "reference_pair": len(pairs), "reference_check": 1}
+    else:
+        done = snakemake(folder, "-n", "reference_check", check=False)
+        assert done.returncode != 0 and "holds no reference" in done.stdout + done.stderr
+
+
+def test_the_spot_check_follows_the_campaign(finished):
+    counts = planned(finished, "spot_check", "--config", "preset=tiny")
+    assert counts == {"spot_check_plan": 1, "spot_check_run": 1, "spot_check": 1}
 
 
 def test_a_crash_is_tried_again_once_per_start(finished):

@@ -1,4 +1,4 @@
-# Error against run time, and the numerical uncertainty; not part of the campaign.
+# Error against run time; not part of the campaign.
 
 
 rule accuracy_run:
@@ -24,11 +24,6 @@ rule accuracy:
     output:
         table=f"{RESULTS}/accuracy.parquet",
         csv=f"{RESULTS}/accuracy.csv",
-        classes=f"{RESULTS}/sigma_num.parquet",
-        classes_csv=f"{RESULTS}/sigma_num.csv",
-        runs=f"{RESULTS}/sigma_num_runs.parquet",
-        runs_csv=f"{RESULTS}/sigma_num_runs.csv",
-        model=f"{RESULTS}/sigma_num.json",
     params:
         variants=VARIANTS,
         config=CONFIG.model_dump(mode="json"),
@@ -38,6 +33,6 @@ rule accuracy:
     benchmark:
         f"{RESULTS}/benchmarks/accuracy.tsv"
     message:
-        "compare the accuracy runs and model the numerical uncertainty"
+        "compare the accuracy runs"
     script:
         "../scripts/accuracy.py"

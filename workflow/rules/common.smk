@@ -7,7 +7,7 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-from dldsim import PHYSICS_VERSION, accuracy, campaign
+from dldsim import PHYSICS_VERSION, accuracy, campaign, reference_study, spot_check, uncertainty
 from dldsim.config import CELL_NUMERICS, resolve
 from dldsim.errors import DldsimError
 from dldsim.stability_sweep import FAMILIES
@@ -23,10 +23,13 @@ try:
     GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
     OUTCOMES = [campaign.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
+    PAIRS = reference_study.pairs(CONFIG)
+    SEARCHES = [reference_study.search_id(s) for s in reference_study.searches(CONFIG)]
 except DldsimError as error:
     raise WorkflowError(str(error)) from None
 
 CONSTRICTIONS = campaign.constrictions(CONFIG)
+SPOT_CHECKED = spot_check.sample(OUTCOMES, CONFIG.seed)
 REQUESTS = [request.name for request in CONFIG.design_requests]
 
 
@@ -38,6 +41,9 @@ wildcard_constraints:
     case=r"[a-z-]+",
     request=r"[A-Za-z0-9-]+",
     family=r"[a-z0-9-]+",
+    numerics="campaign|reference|finest",
+    search=reference_study.SEARCH_PATTERN,
+    number=r"\d+",
 
 
 def settings_of(*sections):
@@ -73,6 +79,57 @@ def accuracy_settings(wildcards):
     return {**settings, "physics_version": PHYSICS_VERSION}
 
 
+def reference_settings(wildcards):
+    settings = reference_study.pair_settings(wildcards.outcome, wildcards.numerics, CONFIG)
+    return {**settings, "physics_version": PHYSICS_VERSION}
+
+
+def search_settings(wildcards):
+    search = reference_study.parse_search(wildcards.search)
+    settings = reference_study.search_settings(search, CONFIG)
+    return {**settings, "physics_version": PHYSICS_VERSION}
+
+
+def pair_row(outcome, numerics):
+    return f"{RESULTS}/reference/pairs/{outcome}--{numerics}.outcome.parquet"
+
+
+def search_point(search, number):
+    return f"{RESULTS}/reference/searches/{search}--{number}.parquet"
+
+
+def last_point(search):
+    return search_point(search, reference_study.POINTS - 1)
+
+
+def points_before(wildcards):
+    """The points so far, and those of the search at the campaign's numerics where it is another."""
+    files = {}
+    if number := int(wildcards.number):
+        files["before"] = search_point(wildcards.search, number - 1)
+    search = reference_study.parse_search(wildcards.search)
+    if search != search.at_campaign:
+        files["start"] = last_point(reference_study.search_id(search.at_campaign))
+    return files
+
+
+def installed_reference(wildcards):
+    """The reference that comes with the package; its absence is told before anything is run."""
+    path = reference_study.DATA / "reference_outcomes.parquet"
+    if not path.exists():
+        raise WorkflowError(f"The package holds no reference. {reference_study.REMEDY}")
+    return path
+
+
+def spot_check_settings(wildcards):
+    settings = outcome_settings(wildcards)
+    return {**settings, **spot_check.check_sections(settings)}
+
+
+def spot_check_releases(wildcards):
+    return spot_check.other_releases(CONFIG.run_control.release_gap_fractions)
+
+
 def constriction_settings(wildcards):
     name, position, design = campaign.parse_constriction(wildcards.constriction)
     channel = CONFIG.constriction.model_dump(mode="json")
@@ -104,7 +161,7 @@ def design_settings(requests, *sections):
 def verification_settings(wildcards):
     requests = [r for r in CONFIG.design_requests if r.name == wildcards.request]
     sections = ("cell", "numerics", "run_control", "stiffness_sets", "verification")
-    return {**design_settings(requests, *sections), "sigma_num_model": accuracy.model_hash()}
+    return {**design_settings(requests, *sections), "sigma_num_model": uncertainty.model_hash()}
 
 
 def crash_count(wildcards):

@@ -20,6 +20,9 @@ rule report:
         rules.surrogate.output,
         made(rules.validation.output.table),
         made(rules.accuracy.output.table),
+        made(rules.reference_check.output.table),
+        made(rules.spot_check.output.table),
+        made(rules.critical_gaps.output.convergence),
         made(rules.stability.output.table),
     output:
         f"{RESULTS}/report.html",

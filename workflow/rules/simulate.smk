@@ -105,7 +105,7 @@ rule outcomes:
         table=f"{RESULTS}/outcomes.parquet",
         csv=f"{RESULTS}/outcomes.csv",
     params:
-        settings={**settings_of("run_control"), "sigma_num_model": accuracy.model_hash()},
+        settings={**settings_of(), "sigma_num_model": uncertainty.model_hash()},
     log:
         f"{RESULTS}/logs/outcomes.log",
     benchmark:

@@ -1,4 +1,4 @@
-"""Rows of the accuracy runs in; tables of errors, model of the numerical uncertainty out."""
+"""Rows of the accuracy runs in; table of errors out."""
 
 from pathlib import Path
 
@@ -9,6 +9,5 @@ with job_log(snakemake.log[0]):
     gather_accuracy(
         zip(snakemake.params.variants, map(Path, snakemake.input.rows), strict=True),
         Config(**snakemake.params.config), snakemake.params.settings,
-        table=Path(snakemake.output.table), model=Path(snakemake.output.model),
-        classes=Path(snakemake.output.classes), runs=Path(snakemake.output.runs),
+        table=Path(snakemake.output.table),
     )  # fmt: skip

@@ -1,15 +1,15 @@
 """All outcomes into one table, with deformation index and numerical uncertainty."""
 
-from dldsim.accuracy import read_model, with_uncertainty
 from dldsim.calibration import join_deformation_index
 from dldsim.jobs import job_log, provenance
 from dldsim.tables import read_many, read_table, write_csv, write_table
+from dldsim.uncertainty import read_model, with_uncertainty
 
 with job_log(snakemake.log[0]):
     settings = snakemake.params.settings
     outcomes = read_many("outcomes", snakemake.input.rows)
     calibration = read_table("calibration", snakemake.input.calibration)
     outcomes = join_deformation_index(outcomes, calibration)
-    outcomes = with_uncertainty(outcomes, settings["run_control"], read_model())
+    outcomes = with_uncertainty(outcomes, read_model())
     write_table("outcomes", outcomes, snakemake.output.table, provenance(settings))
     write_csv("outcomes", snakemake.output.table)

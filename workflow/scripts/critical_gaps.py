@@ -1,0 +1,14 @@
+"""Last points of all searches in; critical gaps and their convergence out."""
+
+from pathlib import Path
+
+from dldsim.config import Config
+from dldsim.jobs import job_log
+from dldsim.reference_jobs import gather_gaps
+
+with job_log(snakemake.log[0]):
+    gather_gaps(
+        zip(snakemake.params.searches, map(Path, snakemake.input), strict=True),
+        Config(**snakemake.params.config), snakemake.params.settings,
+        gaps=Path(snakemake.output.gaps), convergence=Path(snakemake.output.convergence),
+    )  # fmt: skip

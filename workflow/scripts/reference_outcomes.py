@@ -1,0 +1,16 @@
+"""Outcomes of all pairs in; reference, model of the numerical uncertainty and its check out."""
+
+import sys
+from pathlib import Path
+
+from dldsim.jobs import job_log
+from dldsim.reference_jobs import gather_pairs
+
+with job_log(snakemake.log[0]):
+    files = map(Path, snakemake.input)
+    sentence = gather_pairs(
+        [(*pair, file) for pair, file in zip(snakemake.params.pairs, files, strict=True)],
+        snakemake.params.settings, outcomes=Path(snakemake.output.outcomes),
+        model=Path(snakemake.output.model), check=Path(snakemake.output.check),
+    )  # fmt: skip
+sys.stderr.write(f"{sentence}\n")
