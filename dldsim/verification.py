@@ -446,7 +446,7 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
 
 def _note(row: Mapping[str, Any]) -> str:
     """What a reader must know of an outcome that is not decided."""
-    if row["status"] in accuracy.OPEN:
+    if row["status"] in ("undecided", "coexisting"):
         return f"{row['status']}: {row['stop_reason']}"
     return "" if row["status"] == "decided" else row["stop_reason"]
 
