@@ -1019,6 +1019,8 @@ def _verified(campaign: Campaign) -> list[str]:
                 "simulated separation [°]": [
                     fixed(s, 2) + (f" ± {fixed(u, 2)}" if pd.notna(u) else "")
                     for s, u in zip(table["separation_deg"], table["sigma_num_deg"], strict=True)],
+                "finer lattice, half Re [°]<br><small>simulated</small>": _angles(
+                    table["separation_finer_deg"]),
                 "predicted before [°]": [
                     f"{fixed(s, 2)} ± {fixed(u, 2)}" for s, u in zip(
                         table["predicted_separation_deg"], table["uncertainty_deg"], strict=True)],

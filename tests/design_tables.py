@@ -88,6 +88,7 @@ def make_verified(request: str) -> pd.DataFrame:
     known = {
         "separation_deg": 3.0, "sigma_num_deg": 0.3, "angle_1_deg": 1.0, "angle_2_deg": 4.0,
         "separation_low_height_deg": 2.5, "separation_high_height_deg": None, "length_mm": 1.9,
+        "separation_finer_deg": 2.8, "finer_spacing_um": 0.85, "finer_lag_number": 0.07,
         "pressure_drop_kPa": 0.3, "permeability_over_pitch2": 0.012,
     }  # fmt: skip
     common = {

@@ -491,7 +491,7 @@ def test_design_table_shows_separation_with_uncertainty(campaign):
 def test_verified_designs_show_simulation_beside_prediction(campaign):
     _, page = campaign
     row = next(r for r in page.rows if "made-up-1" in r)
-    assert "3.00 ± 0.30" in row and "4.00 ± 3.50" in row and "2.50, –" in row
+    assert "2.80" in row and "3.00 ± 0.30" in row and "4.00 ± 3.50" in row and "2.50, –" in row
     assert row[-1] == "separates by 3.00 ± 0.30°; prediction confirmed"
     stuck = next(r for r in page.rows if "made-up-2" in r)
     assert stuck[-1] == "no separation measured"

@@ -19,7 +19,7 @@ from test_design_jobs import (
     filled,
 )
 
-from dldsim import cli
+from dldsim import PHYSICS_VERSION, cli
 from dldsim.config import DesignRequest
 from dldsim.tables import COLUMNS, read_table, write_csv, write_table
 from dldsim.web import serve
@@ -391,6 +391,19 @@ def test_missing_data_are_unhealthy(campaign, tmp_path):  # noqa: F811
                        found.post(f"{PREFIX}/predict", json=PLACE)):
             assert answer.status_code == 503 and "Retry-After" in answer.headers
             assert answer.json()["error"] == "unhealthy"
+
+
+def test_packaged_data_of_another_physics_version_give_no_answer(
+    campaign, tmp_path, monkeypatch  # noqa: F811
+):
+    monkeypatch.setattr("dldsim.design_jobs.CAMPAIGN_DATA", campaign)
+    monkeypatch.setattr("dldsim.design_jobs.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    found = TestClient(make_app(Settings(state=tmp_path)))
+    health = found.get(f"{PREFIX}/health")
+    words = f"of physics version {PHYSICS_VERSION}, this is version {PHYSICS_VERSION + 1}"
+    assert health.status_code == 503 and words in " ".join(health.json()["problems"])
+    answer = found.post(f"{PREFIX}/predict", json=PLACE)
+    assert answer.status_code == 503 and words in answer.json()["message"]
 
 
 def test_a_broken_pool_is_unhealthy(campaign, tmp_path):  # noqa: F811
