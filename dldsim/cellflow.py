@@ -18,6 +18,7 @@ from dldsim.coupling import (
     clearance,
     contact_forces,
     interpolate,
+    interpolate_both,
     locate,
     make_domain,
     make_stencil,
@@ -152,8 +153,7 @@ def advance_no_slip(
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-        interpolate(velocity, force, 0.0, stencil, body.v)
-        interpolate(force, force, 0.0, stencil, body.kick)
+        interpolate_both(velocity, force, stencil, body.v, body.kick)
         for i in range(body.force.shape[0]):
             for d in range(3):
                 body.lasting[i, d] += LASTING_BLEND * (body.kick[i, d] - body.lasting[i, d])

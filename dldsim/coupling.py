@@ -301,6 +301,37 @@ def interpolate(velocity, force, ahead, stencil, vertex_velocity):
         vertex_velocity[v, 2] = total
 
 
+@restrict
+def interpolate_both(velocity, force, stencil, vertex_velocity, vertex_force):
+    """Velocity (V, 3) of the fluid and force density (V, 3) at the vertices of the stencil.
+
+    The fields are those of `interpolate`, at the present.
+    """
+    stride = np.uint64(len(velocity)) // np.uint64(3)
+    m, n = len(stencil.own_points), len(stencil.across_points)
+    column, column_weight = stencil.column, stencil.column_weight
+    level, level_weight = stencil.level, stencil.level_weight
+    precision = column_weight.dtype.type
+    for v in range(column.shape[0]):
+        for d in range(2):
+            speed, push = precision(0), precision(0)
+            for r in range(d * m * n, (d + 1) * m * n):
+                first, w = column[v, r] + np.uint64(d) * stride, column_weight[v, r]
+                for q in range(n):
+                    i, weight = first + level[v, q], w * level_weight[v, q]
+                    speed += weight * velocity[i]
+                    push += weight * force[i]
+            vertex_velocity[v, d], vertex_force[v, d] = speed, push
+        speed, push = precision(0), precision(0)
+        for r in range(2 * m * n, 2 * m * n + n * n):
+            first, w = column[v, r] + np.uint64(2) * stride, column_weight[v, r]
+            for q in range(n, n + m):
+                i, weight = first + level[v, q], w * level_weight[v, q]
+                speed += weight * velocity[i]
+                push += weight * force[i]
+        vertex_velocity[v, 2], vertex_force[v, 2] = speed, push
+
+
 @jit
 def add_images(field, domain):
     """Add what images beyond a mirror spread to a layer on it: as much as the vertices did."""

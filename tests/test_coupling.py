@@ -20,6 +20,7 @@ from dldsim.coupling import (
     clearance,
     contact_forces,
     interpolate,
+    interpolate_both,
     kernel_weights,
     locate,
     make_domain,
@@ -141,6 +142,20 @@ def test_spreading_and_interpolation_are_adjoint(rng, kernel):
     spread(force, stencil, density)
     interpolate(field, density, 0.0, stencil, velocity)
     assert (density * field).sum() == pytest.approx((force * velocity).sum(), abs=1e-12)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_both_fields_are_interpolated_as_each_alone(rng, kernel, precision):
+    lattice, domain = box_domain(walls=True, solid=rng.random((12, 10)) < 0.2)
+    x = rng.uniform([-14, -12, 0.1], [26, 22, 7.9], (60, 3))
+    fields = rng.normal(size=(2, 3 * lattice.stride)).astype(precision)
+    stencil = stencil_at(x, domain, kernel)
+    both, alone = np.empty((2, 60, 3)), np.empty((2, 60, 3))
+    interpolate_both(*fields, stencil, *both)
+    for field, values in zip(fields, alone, strict=True):
+        interpolate(field, field, 0.0, stencil, values)
+    np.testing.assert_allclose(both, alone, rtol=0, atol=20 * np.finfo(precision).eps)
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
