@@ -68,7 +68,8 @@ class Nature:
 
 
 def check(surrogate, nature, fit=None, request=REQUEST, chip=CHIP, **budget):
-    budget = Budget(**({"height_runs": False, "transition_geometries": 0, "finer_designs": 0} | budget))
+    none = {"height_runs": False, "transition_geometries": 0, "finer_designs": 0}
+    budget = Budget(**(none | budget))
     learnt = fit or (lambda outcomes, seed: surrogate)
     return verify(surrogate, OUTCOMES, request, chip, budget, PEOPLE, nature, 1, fit=learnt)
 
