@@ -180,7 +180,7 @@ def test_a_run_without_an_angle_leaves_the_prediction(verified):
 
 def test_a_run_of_another_array_is_refused(verified, tmp_path):
     for changed in ({"gap_um": 12.002}, {"periodicity": 5}):
-        with pytest.raises(DldsimError, match="the verifying run r_s1 has"):
+        with pytest.raises(DldsimError, match="the verifying r_s1 has"):
             export_design("d-01", {**DESIGN, **changed}, REQUEST, DEVICE, tmp_path, about=ABOUT,
                           verified=verified)  # fmt: skip
     assert not list(tmp_path.iterdir())

@@ -45,12 +45,12 @@ def flat(r, g, n, d, cell):
 
 
 class Nature:
-    """Answers as a formula does, and counts the runs."""
+    """Answers as a formula does, at every setting, and counts the outcomes."""
 
     def __init__(self, angle, sigma=0.05, status="decided"):
         self.angle, self.sigma, self.status, self.asked = angle, sigma, status, []
 
-    def __call__(self, geometry, population, height_um):
+    def __call__(self, geometry, population, height_um, finer=False):
         self.asked.append((geometry, population.number, height_um))
         angle = float(self.angle(geometry.pillar_radius_um, geometry.gap_um, geometry.periodicity,
                                  population.deformation_index, population.radius_um))
@@ -63,11 +63,13 @@ class Nature:
             "sigma_num_deg": self.sigma if known else None,
             "mode": mode_of(angle, geometry.row_shift_fraction) if known else "none",
             "status": self.status, "stop_reason": "why", "wall_time_s": 2.0,
+            "angle_spread_deg": 0.0, "spacing_um": 0.9 if finer else 1.25, "lag_number": 0.1,
         }  # fmt: skip
 
 
 def check(surrogate, nature, fit=None, request=REQUEST, chip=CHIP, **budget):
-    budget = Budget(**({"height_runs": False, "transition_geometries": 0} | budget))
+    none = {"height_runs": False, "transition_geometries": 0, "finer_designs": 0}
+    budget = Budget(**(none | budget))
     learnt = fit or (lambda outcomes, seed: surrogate)
     return verify(surrogate, OUTCOMES, request, chip, budget, PEOPLE, nature, 1, fit=learnt)
 
@@ -77,14 +79,18 @@ def differences(verdicts):
 
 
 def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
-    verdicts = check(Known(summit), Nature(summit), designs_per_round=2, rounds=5)
+    verdicts = check(Known(summit), Nature(summit), designs_per_round=2, rounds=5, finer_designs=1)
     table = differences(verdicts)
-    assert table["round"].tolist() == [1, 1] and table["agrees"].tolist() == [True, True]
+    assert table["role"].tolist() == ["design", "design", "finer"]
+    assert table["round"].tolist() == [1] * 3 and table["agrees"].tolist() == [True] * 3
     best = verdicts.designs.iloc[0]
+    assert best["separation_finer_deg"] == pytest.approx(best["separation_deg"])
+    assert pd.isna(verdicts.designs["separates"].iloc[1])  # only the best was confirmed
     assert best["stopped"] == "round 1: predictions confirmed"
     assert best["separates"] and "separates by" in best["verdict"]
     assert "prediction confirmed" in best["verdict"]
-    rows = verdicts.verifications.set_index(["array", "population"])
+    at_setting = verdicts.verifications.query("role == 'design'")
+    rows = at_setting.set_index(["array", "population"])
     for array in (1, 2):
         assert rows["simulated_deg"][array, "difference"] == pytest.approx(
             rows["simulated_deg"][array, "2"] - rows["simulated_deg"][array, "1"])
@@ -159,7 +165,7 @@ def test_a_cell_that_clogs_is_a_result():
 
 
 def test_a_run_that_cannot_start_is_told_and_not_learnt_from():
-    def refuse(geometry, population, height_um):
+    def refuse(geometry, population, height_um, finer=False):
         raise DldsimError("the cell does not fit")
 
     verdicts = check(Known(summit), refuse, rounds=1, designs_per_round=1)
@@ -210,7 +216,8 @@ def test_pressure_and_length_of_a_design_by_hand():
     def resistance(geometry):
         return {"permeability_over_pitch2": 0.01, "drag_over_mu_U": 100.0}
 
-    budget = Budget(rounds=1, designs_per_round=1, transition_geometries=0, height_runs=False)
+    budget = Budget(rounds=1, designs_per_round=1, transition_geometries=0, height_runs=False,
+                    finer_designs=0)
     verdicts = verify(Known(summit), OUTCOMES, REQUEST, CHIP, budget, PEOPLE, Nature(summit), 1,
                      fit=lambda outcomes, seed: Known(summit), resistance=resistance)  # fmt: skip
     best = verdicts.designs.iloc[0]
