@@ -195,7 +195,7 @@ TRANSITIONS = (5, 25), (5, 40), (10, 40), (10, 60), (16, 48)
 SPHERE_CA = 0.01
 """μU/k_s, with k_α = k_s and k_ag = 20 k_s. At 0.005 and 0.015 the critical diameter is the same."""
 SPHERE_VELOCITY = 0.003
-"""Mean velocity in lattice units, within the bound of the time step for these stiff membranes."""
+"""Mean velocity in lattice units, within the bound of the time step for such stiff membranes."""
 SPHERE_CONTACT = 0.4
 """Reach of the contact in nodes, as in the campaign."""
 FIRST_STEP, LAST_STEP = 0.06, 0.02
