@@ -13,7 +13,8 @@ from dldsim.simulation import MIGRATION, RunResult, known_of, migration_of
 from dldsim.tables import COLUMNS, read_rows, write_table
 
 GEOMETRY = "r05.0_g20.0_n04"
-CONFIG = read_config(Path(__file__).parents[1] / "config.yaml", {"preset": "tiny"})
+CONFIG = read_config(Path(__file__).parents[1] / "config.yaml", {
+    "preset": "tiny", "run_control": {"release_gap_fractions": [0.5, 0.2, 0.8]}})
 SETTINGS = CONFIG.model_dump(mode="json")
 OUTCOME = f"{GEOMETRY}_s1"
 OF_SET = SETTINGS | {"stiffness": SETTINGS["stiffness_sets"]["1"]}

@@ -108,7 +108,7 @@ FLOWS = {"empty_flow": 8, "flows": 1}
         ("numerics={rows: 3}", SIMULATIONS | FLOWS | AFTER_OUTCOMES),
         ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_OUTCOMES),
         ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_OUTCOMES),
-        ("run_control={release_gap_fractions: [0.5, 0.3]}", SIMULATIONS | AFTER_OUTCOMES),
+        ("run_control={release_gap_fractions: [0.5, 0.7]}", SIMULATIONS | AFTER_OUTCOMES),
         ('stiffness_sets={"5": {ks_uN_per_m: 6}}',
          {"simulate_outcome": 8} | GATHERED | AFTER_OUTCOMES),
         ("constriction_groups={G4: {velocity_mm_s: 2}}", {"constrict": 1} | AFTER_CONSTRICTION),
