@@ -225,7 +225,23 @@ def closing_sentence(directory: Path) -> str:
         sentence += f"\nValidation: {cases - len(failing)} of {cases} cases pass."
         if failing:
             sentence += f" Failing, see {directory}/validation.csv: {', '.join(failing)}."
+    if spent := time_split(directory):
+        total = sum(spent.values())
+        most = ", ".join(f"{rule} {seconds / total:.0%}" for rule, seconds in spent.items()
+                         if seconds >= total / 100)
+        sentence += f"\nTime of all jobs together: {total / 60:.1f} minutes ({most})."
     return sentence
+
+
+def time_split(directory: Path) -> dict[str, float]:
+    """Seconds that the jobs of each rule took when they were last run, largest first."""
+    spent: dict[str, float] = {}
+    for path in (Path(directory) / "benchmarks").rglob("*.tsv"):
+        rule = path.relative_to(Path(directory) / "benchmarks").parts[0].removesuffix(".tsv")
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = csv.DictReader(file, delimiter="\t")
+            spent[rule] = spent.get(rule, 0.0) + sum(float(row["s"]) for row in rows)
+    return dict(sorted(spent.items(), key=lambda item: -item[1]))
 
 
 def _read_csv(path: Path) -> list[dict]:

@@ -141,3 +141,14 @@ def test_closing_sentence_names_what_is_broken_or_open(tmp_path):
     sentence = campaign.closing_sentence(tmp_path)
     assert "1 of 4 outcomes have no angle" in sentence and "b (failed: no memory)" in sentence
     assert "1 of 4 are undecided" in sentence and "1 of 4 are coexisting" in sentence
+
+
+def test_closing_sentence_says_where_the_time_went(tmp_path):
+    for name, seconds in (("outcome/a", 90.0), ("outcome/b", 60.0), ("report", 30.0)):
+        path = tmp_path / "benchmarks" / f"{name}.tsv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"s\th:m:s\n{seconds}\t0:00:00\n", encoding="utf-8")
+    assert campaign.time_split(tmp_path) == {"outcome": 150.0, "report": 30.0}
+    assert campaign.closing_sentence(tmp_path).endswith(
+        "Time of all jobs together: 3.0 minutes (outcome 83%, report 17%).")
+    assert "Time" not in campaign.closing_sentence(tmp_path / "other")
