@@ -171,14 +171,14 @@ class RunControl(Section):
         8, ge=2, description="rows that a cell rests in the bump lane until it counts as settled"
     )
     mean_tolerance: float = Field(
-        0.05,
+        0.1,
         gt=0,
         lt=1,
         description="half-width of the 95 % interval of the mean lateral step / row shift with "
         "which a motion without orbit counts as settled",
     )
     capture_chance_max: float = Field(
-        0.001,
+        0.002,
         gt=0,
         lt=1,
         description="chance per row of another motion below which that is excluded",
