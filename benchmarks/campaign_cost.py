@@ -26,6 +26,7 @@ from pathlib import Path
 from dldsim import campaign
 from dldsim.config import Config, Geometry, read_config
 from dldsim.geometry import whole_shift_spacing
+from dldsim.lattice import viscosity
 from dldsim.mesh import area, frequency_for_edge, make_shape
 from dldsim.tables import read_rows
 
@@ -49,17 +50,21 @@ class Speed:
 
 
 def scene_size(geometry: Geometry, config: Config) -> tuple[float, int, float]:
-    """Fluid nodes, vertices and steps per row of a run."""
-    numerics = config.numerics
+    """Fluid nodes, vertices and steps per row of a run whose time step the fluid's lag decides."""
+    numerics, cell = config.numerics, config.cell
     spacing, shift = whole_shift_spacing(geometry, numerics.spacing_um)
-    pitch = shift * geometry.periodicity
+    pitch, radius = shift * geometry.periodicity, cell.radius_um / spacing
     solid = math.pi * (geometry.pillar_radius_um / spacing) ** 2
-    nodes = numerics.rows * numerics.lanes * (pitch**2 - solid) * round(
-        config.flow.height_um / spacing
-    )  # fmt: skip
-    probe = area(*make_shape(config.cell.shape, config.cell.radius_um / spacing, 8))
-    vertices = 10 * frequency_for_edge(probe, numerics.edge_to_spacing) ** 2 + 2
-    return nodes, vertices, pitch / numerics.velocity_lu
+    height = max(1, round(config.flow.height_um / spacing))
+    layers = -(-height // 2) if numerics.half_scene else height
+    nodes = numerics.rows * numerics.lanes * (pitch**2 - solid) * layers
+    probe = area(*make_shape(cell.shape, radius, 8))
+    n = frequency_for_edge(probe, numerics.edge_to_spacing)
+    vertices = 10 * n**2 + 2
+    if numerics.half_scene:  # 4 n of them on the mirror
+        vertices = (vertices + 4 * n) // 2
+    lag = numerics.reynolds_max * viscosity(numerics.relaxation_time) / (2 * radius)
+    return nodes, vertices, pitch / min(numerics.velocity_lu, lag)
 
 
 @dataclass(frozen=True)
