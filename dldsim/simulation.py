@@ -25,7 +25,7 @@ from dldsim.config import (
     RunControl,
     Stiffness,
 )
-from dldsim.errors import DldsimError
+from dldsim.errors import DldsimError, NoRoom
 from dldsim.flow import EmptyFlow, Fluid, solve_empty_array
 from dldsim.geometry import ArrayLattice, make_array
 from dldsim.stability import (
@@ -345,13 +345,14 @@ def simulate_outcome(
 
     Which place comes next, and when enough is known, `trajectory.next_release` says. If
     ``control.outcome_rows_max`` rows are spent before, the outcome is undecided, with the bounds of
-    what was seen.
+    what was seen. No cell enters where it does not fit: such a place is left out, and the reason of
+    the outcome names it.
 
     ``finished``: releases of this outcome that were simulated before, with the same settings.
     ``keep`` is called with place and result of each release when it is done; ``observe`` as in
-    `simulate_run`. Raises DldsimError where that does.
+    `simulate_run`. Raises DldsimError where that does, NoRoom if the cell fits at no place.
     """
-    places = control.release_gap_fractions
+    places, narrow = list(control.release_gap_fractions), []
     runs = {place: finished[place] for place in places if place in finished}
     migrations = {place: migration_of(run.row) for place, run in runs.items()}
     while (place := next_release(migrations, places, geometry.periodicity)) is not None:
@@ -362,13 +363,23 @@ def simulate_outcome(
             empty_flow = solve_empty_array(geometry, flow, numerics, progress)
         if progress:
             progress(f"release at {place:g} of the gap")
-        runs[place] = simulate_run(
-            geometry, stiffness,
-            Cell(**cell.model_dump() | {"release_gap_fraction": place}), flow, numerics,
-            control.model_copy(update={"max_rows": min(control.max_rows, left)}),
-            run_id=release_id(outcome_id, place), outcome_id=outcome_id,
-            stiffness_set=stiffness_set, empty_flow=empty_flow, observe=observe, progress=progress,
-        )  # fmt: skip
+        try:
+            runs[place] = simulate_run(
+                geometry, stiffness,
+                Cell(**cell.model_dump() | {"release_gap_fraction": place}), flow, numerics,
+                control.model_copy(update={"max_rows": min(control.max_rows, left)}),
+                run_id=release_id(outcome_id, place), outcome_id=outcome_id,
+                stiffness_set=stiffness_set, empty_flow=empty_flow, observe=observe,
+                progress=progress,
+            )  # fmt: skip
+        except NoRoom as error:
+            places.remove(place)
+            narrow.append(place)
+            if not places:
+                raise
+            if progress:
+                progress(f"left out: {error}")
+            continue
         migrations[place] = migration_of(runs[place].row)
         if keep:
             keep(place, runs[place])
@@ -380,6 +391,8 @@ def simulate_outcome(
             f"{row['rows_total']} of outcome_rows_max = {control.outcome_rows_max} rows spent "
             f"before a release at {place:g} of the gap; {row['stop_reason']}"
         )
+    if narrow:
+        row["stop_reason"] += "; does not fit at " + ", ".join(f"{p:g}" for p in narrow)
     return OutcomeResult(row, runs)
 
 
@@ -499,7 +512,7 @@ def make_scene(
     scene.place([0.0, lateral, array.height / 2])
     free = scene.sample().clearance
     if free < RELEASE_CLEARANCE:
-        raise DldsimError(
+        raise NoRoom(
             f"The {cell.shape} of radius {cell.radius_um:g} µm (axis {cell.axis}) does not fit at "
             f"its release: clearance {free * array.spacing_um:.2f} µm, needed "
             f"{RELEASE_CLEARANCE * array.spacing_um:.2f} µm. Change cell.release_gap_fraction or "

@@ -10,7 +10,7 @@ import pytest
 from dldsim import simulation
 from dldsim.cellflow import Sample
 from dldsim.config import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
-from dldsim.errors import DldsimError
+from dldsim.errors import DldsimError, NoRoom
 from dldsim.flow import array_of, solve_empty_array
 from dldsim.simulation import Path, Reporter, make_scene, simulate_outcome, simulate_run
 from dldsim.stability import refined
@@ -260,6 +260,22 @@ def test_an_outcome_is_its_runs_summed_up(empty, tmp_path):
         stiffness_set="1", empty_flow=empty,
     )  # fmt: skip
     np.testing.assert_equal(first.trajectory, made.runs[0.5].trajectory)
+
+
+def test_places_where_the_cell_does_not_fit_are_left_out():
+    # The rim of an upright cell midway between rows is near the next row's displaced pillar.
+    def outcome(*places):
+        control = RunControl(max_rows=2, release_gap_fractions=list(places))
+        return simulate_outcome(
+            GEOMETRY, SET_1, Cell(radius_um=7.5), Flow(), NUMERICS, control, outcome_id="r",
+            stiffness_set="1",
+        )  # fmt: skip
+
+    made = outcome(0.8, 0.5)
+    assert [*made.runs] == [0.5] and made.row["releases"] == 1
+    assert made.row["stop_reason"].endswith("does not fit at 0.8")
+    with pytest.raises(NoRoom, match="does not fit at its release"):
+        outcome(0.8, 0.85)
 
 
 # ------------------------------------------------------------------ statuses and bad input
