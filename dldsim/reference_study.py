@@ -486,25 +486,29 @@ def _converged(rows: Sequence[Row], knob: str, campaign: Row) -> dict[str, Any]:
 DATA, MODEL = MODEL_PATH.parent, MODEL_PATH.name
 KEPT = {"reference_outcomes": "outcomes", "critical_gaps": "critical_gaps",
         "convergence": "convergence"}  # fmt: skip
-"""Tables that come with the package, and their kinds."""
+"""Tables that come with the package, and their kinds; the first is needed, the others where the
+critical gaps have been searched."""
 REMEDY = "Make it with `snakemake -j2 reference` and `python -m dldsim.reference_study results`."
 
 
 def install(results: Path, data: Path = DATA) -> list[Path]:
-    """Copy the tables and the model of a finished study into the package; returns the files.
+    """Copy the tables and the model of a study into the package; returns the files.
 
-    The tables keep the provenance that they carry. Raises DldsimError if one is missing, damaged
-    or of another physics version; then nothing is copied.
+    The tables keep the provenance that they carry; critical gaps may not have been searched. Raises
+    DldsimError if the outcomes or the model are missing, or any table is damaged or of another
+    physics version; then nothing is copied.
     """
     from dldsim.tables import atomic_path, read_columns
 
     source = Path(results) / "reference"
-    for name, kind in KEPT.items():
-        read_columns(kind, source / f"{name}.parquet")
+    first, *_ = KEPT
+    there = [name for name in KEPT if name == first or (source / f"{name}.parquet").exists()]
+    for name in there:
+        read_columns(KEPT[name], source / f"{name}.parquet")
     if read_model(source / MODEL) is None:
         raise DldsimError(f"{source / MODEL} does not exist. {REMEDY}")
     written = []
-    for name in [*(f"{name}.parquet" for name in KEPT), MODEL]:
+    for name in [*(f"{name}.parquet" for name in there), MODEL]:
         with atomic_path(Path(data) / name) as part:
             part.write_bytes((source / name).read_bytes())
         written.append(Path(data) / name)
