@@ -553,12 +553,16 @@ def _towards(order: float, difference: float) -> float:
 def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
     """Whether two outcomes part the cells from every place of release.
 
-    Both are decided, and the angles differ by more than SIGMAS σ_num and by more than the spreads
-    of the releases together. None where σ_num is not known.
+    Decided outcomes part if the angles differ by more than SIGMAS σ_num and by more than both
+    spreads of the releases together. Where one is undecided, its bounds decide: they part the cells if they
+    do not overlap. None where they do overlap, or σ_num is not known.
     """
     difference = _difference(found)
-    if difference is None or any(row["status"] != "decided" for row in found):
+    if difference is None or any(row["status"] not in ("decided", "undecided") for row in found):
         return False
+    if any(row["status"] == "undecided" for row in found):
+        apart = max(r["angle_low_deg"] for r in found) > min(r["angle_high_deg"] for r in found)
+        return True if apart else None
     if abs(difference) <= sum(row["angle_spread_deg"] or 0.0 for row in found):
         return False
     return None if sigma_deg is None else abs(difference) > SIGMAS * sigma_deg
@@ -569,13 +573,15 @@ def separated(
 ) -> bool | None:
     """Whether a design separates: at the campaign's setting and, in the same order, at a finer one.
 
-    None where σ_num is not known or the finer setting was not simulated.
+    None where that is open, or the finer setting was not simulated.
     """
     known = parts(found, sigma_deg)
     if not known or finer is None:
         return False if known is False else None
     same = parts(finer, sigma_deg)
-    return bool(same and _towards(_difference(found), _difference(finer)) > 0)
+    if same and _towards(_difference(found), _difference(finer)) < 0:
+        return False
+    return same
 
 
 def _finer_runs(
@@ -607,15 +613,17 @@ def _design_verdict(
     simulated, sigma = difference["simulated_deg"], difference["sigma_num_deg"]
     if simulated is None:
         return f"no separation measured: {difference['note']}"
+    size = f"{abs(simulated):.2f}°" if sigma is None else f"{abs(simulated):.2f} ± {sigma:.2f}°"
     if separates:
-        words = f"separates by {abs(simulated):.2f} ± {sigma:.2f}°, {_settings(finer)} as well"
+        words = f"separates by {size}, {_settings(finer)} as well"
     elif finer is not None:
-        words = f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}"
-    elif separates is None and sigma is None:
-        words = f"separation {abs(simulated):.2f}°, numerical uncertainty not studied"
+        words = "open" if separates is None else "does not separate"
+        words += f": {abs(simulated):.2f}° but {_settings(finer)}"
+    elif separates is None and parts(found, sigma) is None:
+        why = _undecided(found) or "numerical uncertainty not studied"
+        words = f"open, {abs(simulated):.2f}°: {why}"
     elif separates is None:
-        words = (f"separates by {abs(simulated):.2f} ± {sigma:.2f}° at this setting; not confirmed "
-                 "at a finer one")
+        words = f"separates by {size} at this setting; not confirmed at a finer one"
     else:
         words = f"does not separate: {_why_not(found, simulated, sigma)}"
     said = [words, difference["verdict"]]
@@ -632,12 +640,16 @@ def _settings(finer: Sequence[Mapping]) -> str:
     return f"{outcome} at spacing {finer[0]['spacing_um'] or math.nan:.2f} µm and Re {lag:.2f}"
 
 
+def _undecided(found: Sequence[Mapping]) -> str:
+    """Which of two outcomes are not decided, in words; empty: none."""
+    return " and ".join(f"cell type {i} is {row['status']}" for i, row in enumerate(found, 1)
+                        if row["status"] != "decided")
+
+
 def _why_not(found: Sequence[Mapping], simulated: float, sigma: float | None) -> str:
     """Why two outcomes do not part, in words."""
-    open_ = [f"cell type {i} is {row['status']}" for i, row in enumerate(found, 1)
-             if row["status"] != "decided"]
-    if open_:
-        return " and ".join(open_)
+    if open_ := _undecided(found):
+        return open_
     if sigma is not None and abs(simulated) <= SIGMAS * sigma:
         return f"{abs(simulated):.2f}° is within {SIGMAS} σ_num of zero"
     spread = sum(row["angle_spread_deg"] or 0.0 for row in found)

@@ -11,6 +11,7 @@ from dldsim.verification import _design_verdict, parts, separated
 
 def pair(first, second, spread=0.1, status="decided", spacing_um=1.1, lag=0.15):
     return [{"migration_angle_deg": angle, "angle_spread_deg": spread, "status": status,
+             "angle_low_deg": angle and angle - 0.2, "angle_high_deg": angle and angle + 0.2,
              "stop_reason": "why", "spacing_um": spacing_um, "lag_number": lag}
             for angle in (first, second)]  # fmt: skip
 
@@ -29,9 +30,19 @@ def test_parting_needs_two_sigma_and_more_than_the_releases_spread():
     assert parts(pair(1.0, 3.0), None) is None
 
 
-@pytest.mark.parametrize("status", ["coexisting", "undecided", "stuck", "failed"])
+@pytest.mark.parametrize("status", ["coexisting", "stuck", "failed"])
 def test_only_decided_outcomes_part(status):
     assert parts(pair(1.0, 3.0, status=status), 0.1) is False
+
+
+def test_of_undecided_outcomes_the_bounds_decide():
+    # Their σ_num spans the modes and says nothing.
+    assert parts(pair(1.0, 3.0, status="undecided"), 5.0) is True
+    assert parts(pair(1.0, 1.3, status="undecided"), 5.0) is None
+    assert separated(pair(1.0, 1.3, status="undecided"), 5.0, None) is None
+    assert separated(pair(1.0, 3.0), 0.5, pair(1.0, 1.3, status="undecided")) is None
+    words = verdict(pair(1.0, 1.3, status="undecided"), 5.0, None)
+    assert words.startswith("open, 0.30°: cell type 1 is undecided and cell type 2 is undecided")
 
 
 def test_no_angle_parts_nothing():
