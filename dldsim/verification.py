@@ -554,8 +554,8 @@ def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
     """Whether two outcomes part the cells from every place of release.
 
     Decided outcomes part if the angles differ by more than SIGMAS σ_num and by more than both
-    spreads of the releases together. Where one is undecided, its bounds decide: they part the cells if they
-    do not overlap. None where they do overlap, or σ_num is not known.
+    spreads of the releases together. Where one is undecided, its bounds decide: they part the cells
+    if they do not overlap. None where they do overlap, or σ_num is not known.
     """
     difference = _difference(found)
     if difference is None or any(row["status"] not in ("decided", "undecided") for row in found):
