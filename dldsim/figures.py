@@ -178,8 +178,9 @@ def pillar_centres(run, xlim: tuple[float, float], ylim: tuple[float, float]) ->
 def pick_trajectories(runs: pd.DataFrame) -> list[tuple[str, list[str]]]:
     """Runs worth drawing: one typical run per mode, and the geometry that parts the sets most.
 
-    Returns (heading, run ids) per panel. Of each outcome its first release counts. Typical: settled
-    before not settled, then the angle ratio nearest to the median of its mode, then the run id.
+    Returns (heading, run ids) per panel. Of each outcome its first release is drawn. Typical:
+    settled before not settled, then the angle ratio nearest to the median of its mode, then the run
+    id. Sets are said to part only where the motion settled in one mode from every place of release.
     """
     points = measured(runs.drop_duplicates("outcome_id")).copy()
     points["angle_ratio"] = points["migration_angle_deg"] / points["bump_angle_deg"]
@@ -191,8 +192,12 @@ def pick_trajectories(runs: pd.DataFrame) -> list[tuple[str, list[str]]]:
             away = (of_mode["angle_ratio"] - of_mode["angle_ratio"].median()).abs()
             best = of_mode.assign(away=away).sort_values(["open", "away", "run_id"]).iloc[0]
             panels.append((f"{mode} mode", [best["run_id"]]))
+    alike = runs.assign(settled=settled(runs)).groupby("outcome_id").agg(
+        settled=("settled", "all"), modes=("mode", "nunique"))
+    sure = alike.index[alike["settled"] & (alike["modes"] == 1)]
     widest, pair = 0.0, None
-    for _, group in points.groupby(["pillar_radius_um", "gap_um", "periodicity"]):
+    decided = points[points["outcome_id"].isin(sure)]
+    for _, group in decided.groupby(["pillar_radius_um", "gap_um", "periodicity"]):
         angle = group["migration_angle_deg"]
         if angle.max() - angle.min() > widest and group["mode"].nunique() > 1:
             widest = angle.max() - angle.min()

@@ -642,10 +642,19 @@ def test_picked_trajectories_show_each_mode_and_prefer_settled_runs(campaign):
         [run_id] = picked[f"{mode} mode"]
         run = runs.set_index("run_id").loc[run_id]
         assert run["mode"] == mode and run["status"] in figures.SETTLED
-    [pair] = [ids for heading, ids in picked.items() if heading.startswith("one array")]
-    parted = runs.set_index("run_id").loc[pair]
-    assert parted[["pillar_radius_um", "gap_um", "periodicity"]].nunique().tolist() == [1, 1, 1]
-    assert parted["mode"].nunique() == parted["stiffness_set"].nunique() == 2
+
+
+@pytest.mark.parametrize("status", ["converged", "undecided"])
+def test_sets_are_shown_to_part_only_if_settled_from_every_place(status):
+    runs = pd.DataFrame([
+        {"run_id": f"s{name}_y{place}", "outcome_id": f"s{name}", "stiffness_set": name,
+         "pillar_radius_um": 5.0, "gap_um": 16.0, "periodicity": 10, "mode": mode,
+         "migration_angle_deg": angle, "bump_angle_deg": 5.71,
+         "status": status if (name, place) == ("5", 0.2) else "periodic"}
+        for name, mode, angle in (("1", "bump", 5.71), ("5", "mixed", 1.0)) for place in (0.5, 0.2)
+    ])  # fmt: skip
+    pairs = [ids for heading, ids in figures.pick_trajectories(runs) if "apart" in heading]
+    assert pairs == ([["s1_y0.5", "s5_y0.5"]] if status == "converged" else [])
 
 
 def test_trajectory_panel_shows_a_period_in_true_proportion(campaign):
