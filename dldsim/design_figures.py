@@ -9,12 +9,16 @@ from matplotlib.ticker import MaxNLocator
 from dldsim.figures import GREY, dot, key, legend, multiples, styled
 
 PARAMETERS = {"pillar_radius_um": "$P_r$ [µm]", "gap_um": "$P_g$ [µm]", "periodicity": "$N_p$"}
-ROLE_COLOUR = {"design": "#0072B2", "transition": "#E69F00", "height": "#009E73"}
-ROLE_MARKER = {"design": "o", "transition": "D", "height": "^"}
+ROLE_COLOUR = {
+    "design": "#0072B2", "transition": "#E69F00", "finer": "#CC79A7", "height": "#009E73",
+}  # fmt: skip
+ROLE_MARKER = {"design": "o", "transition": "D", "finer": "s", "height": "^"}
 ROLE_NAME = {
     "design": "design", "transition": "array near a mode transition",
-    "height": "best design, other height",
+    "finer": "design, finer lattice", "height": "best design, other height",
 }  # fmt: skip
+AFTERWARDS = {"finer": 1, "height": 2}
+"""Roles that follow the rounds, in this order."""
 
 
 def best_so_far(trials: pd.DataFrame) -> pd.DataFrame:
@@ -28,7 +32,8 @@ def rounds_of(verifications: pd.DataFrame) -> pd.DataFrame:
     """Differences of each request in the order of their runs, with their place along the axis."""
     table = verifications[verifications["population"] == "difference"]
     order = {name: i for i, name in enumerate(dict.fromkeys(table["request"]))}
-    table = table.assign(order=table["request"].map(order), late=table["role"] == "height")
+    late = table["role"].map(AFTERWARDS).fillna(0)
+    table = table.assign(order=table["request"].map(order), late=late)
     table = table.sort_values(["order", "late", "round", "array", "height_um"], kind="stable")
     place = table.groupby("request").cumcount()
     return table.assign(place=place).drop(columns=["order", "late"])
@@ -159,7 +164,8 @@ def draw_rounds(verifications: pd.DataFrame) -> Figure:
                 row["agrees"] is not False and row["agrees"] != 0, markersize=6)
         missing = part[part["simulated_deg"].isna()]
         panel.plot(missing["place"], np.zeros(len(missing)), "x", color="#D55E00", markersize=6)
-        last = part["round"].where(part["role"] != "height", -1).to_numpy()
+        group = part["round"].where(~part["role"].isin(AFTERWARDS), -part["role"].map(AFTERWARDS))
+        last = group.to_numpy()
         for place in np.flatnonzero(np.diff(last)):
             panel.axvline(place + 0.5, color="#444444", linewidth=0.6, linestyle=":")
         panel.set_xticks(part["place"], [

@@ -617,8 +617,8 @@ def _design_verdict(
     if separates:
         words = f"separates by {size}, {_settings(finer)} as well"
     elif finer is not None:
-        words = "open" if separates is None else "does not separate"
-        words += f": {abs(simulated):.2f}° but {_settings(finer)}"
+        words = (f"open: {abs(simulated):.2f}°, {_settings(finer)}, undecided" if separates is None
+                 else f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}")
     elif separates is None and parts(found, sigma) is None:
         why = _undecided(found) or "numerical uncertainty not studied"
         words = f"open, {abs(simulated):.2f}°: {why}"

@@ -58,9 +58,10 @@ def make_design_tables(request: str, folder=None) -> dict[str, pd.DataFrame]:
 
 
 def make_verifications(request: str) -> pd.DataFrame:
-    """Rounds 1 and 2: a design that is confirmed, one that is stuck, one missed, one height."""
+    """Rounds 1 and 2: a design that is confirmed, one that is stuck, one missed, finer, height."""
     arrays = [(1, "design", 1, 20.0, 3.0), (1, "transition", 2, 20.0, 9.0),
-              (2, "design", 3, 20.0, None), (1, "height", 1, 19.0, 2.5)]
+              (2, "design", 3, 20.0, None), (1, "finer", 1, 20.0, 2.8),
+              (1, "height", 1, 19.0, 2.5)]
     rows = []
     for number, role, array, height, simulated in arrays:
         for population in ("1", "2", "difference"):
