@@ -574,7 +574,7 @@ def _mode_section(campaign: Campaign) -> str:
     if told.any():
         sentence = (f" With this size, the line puts {int(right_side.sum())} of "
                     f"{int(told.sum())} bumping or zigzagging outcomes on the right side.")
-    return campaign.figure(
+    return _row_maps(campaign) + campaign.figure(
         "mode_map", figures.draw_mode_map(points),
         "Migration mode (measured) against the empirical law for rigid spheres, "
         "D<sub>c</sub> = 1.4 G ε<sup>0.48</sup> (literature, band ±10 %). Cell size: diameter of "
@@ -584,6 +584,30 @@ def _mode_section(campaign: Campaign) -> str:
         "<i>N</i><sub>p</sub> stand the pillar radii, and within each the stiffness sets. Right: "
         "angle as a fraction of the bump angle across the line.",
         ["outcomes"],
+    )
+
+
+ROW_MAPS = 6
+"""Arrays whose row maps are drawn."""
+
+
+def _row_maps(campaign: Campaign) -> str:
+    """Row maps of the arrays in which an outcome comes nearest to the transition."""
+    near = campaign.outcomes.dropna(subset="transition_distance")
+    near = near.assign(away=near["transition_distance"].abs()).sort_values("away", kind="stable")
+    places = near[list(GEOMETRY)].drop_duplicates().head(ROW_MAPS)
+    runs = campaign.tables["runs"].merge(places, on=list(GEOMETRY))
+    runs = runs[runs["lateral_steps_um"].map(len) > 0].drop_duplicates("outcome_id")
+    if runs.empty:
+        return ""
+    return campaign.figure(
+        "row_maps", figures.draw_row_maps(runs),
+        f"Row maps of the {len(places)} arrays that come nearest to the transition, first release "
+        "of each outcome: lateral step of a row in row shifts against the height in the gap before "
+        "it, a point per row. Where the points reach the dotted line, one row shift, the bump lane "
+        "can hold a cell; how far their peak stays below is the distance from the transition "
+        "(<code>transition_distance</code>). Measured.",
+        ["runs", "outcomes"],
     )
 
 

@@ -466,7 +466,7 @@ def test_every_link_leads_somewhere(campaign):
 def test_each_figure_is_saved_as_png_and_svg(campaign):
     _, page = campaign
     names = re.findall(r'<figure id="figure-(\w+)"', page.raw)
-    assert len(names) == len(set(names)) == 42
+    assert len(names) == len(set(names)) == 43
     for name in names:
         assert (page.path.parent / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
         assert b"<svg" in (page.path.parent / "figures" / f"{name}.svg").read_bytes()
