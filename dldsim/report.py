@@ -1021,14 +1021,17 @@ def _verified(campaign: Campaign) -> list[str]:
         "<p>Both cell types were simulated in the best candidates of each round, with the "
         "campaign's solver and at their own radius; the runs were then learnt from and the search "
         "repeated. A prediction is confirmed if the simulated difference, ± σ<sub>num</sub>, meets "
-        "its 90 % interval; a design separates if the simulated difference exceeds 2 "
-        "σ<sub>num</sub>. Measured.</p>",
+        "its 90 % interval. A design separates if from every place of release the cells differ by "
+        "more than 2 σ<sub>num</sub>, or the bounds of undecided outcomes do not overlap, and if "
+        "the same holds on the next finer lattice at half the numerical Reynolds number; what is "
+        "between is open. Measured.</p>",
         campaign.figure(
             "verification", design_figures.draw_rounds(verifications),
             "Prediction and simulation, in the order of the runs; dotted lines separate rounds. "
-            "Bars of the markers: 2 σ<sub>num</sub>, where it was studied. The last runs repeat "
-            "the best design at another channel height, for which nothing was predicted: the grey "
-            "bar there is the prediction for the nominal height.", ["verifications"],
+            "Bars of the markers: 2 σ<sub>num</sub>, where it was studied. The last ones repeat "
+            "designs on a finer lattice or at another channel height, for which nothing was "
+            "predicted: the grey bar there is the prediction after all simulations, for the "
+            "nominal height.", ["verifications"],
         ),
     ]  # fmt: skip
     for request, table in campaign["verified_designs"].groupby("request", sort=False):
