@@ -193,7 +193,8 @@ SPHERE_FLOW = Flow(mean_velocity_mm_s=1.0, viscosity_mPa_s=1.0, height_um=GAP_UM
 TRANSITIONS = (5, 25), (5, 40), (10, 40), (10, 60), (16, 48)
 """Periodicity and nodes per pitch, coarse before fine: radii of three and a half to seven nodes."""
 SPHERE_CA = 0.01
-"""μU/k_s, with k_α = k_s and k_ag = 20 k_s; 0.005 and 0.015 give the same critical diameter."""
+"""μU/k_s, with k_α = k_s and k_ag = 20 k_s. At N_p 10 and 40 nodes 0.005 and 0.015 gave the same
+critical diameter, before the membrane's slip was mended."""
 SPHERE_VELOCITY = 0.003
 """Mean velocity in lattice units, within the bound of the time step for such stiff membranes."""
 SPHERE_CONTACT = 0.4
