@@ -21,13 +21,13 @@ bench: $(VENV)/installed
 	$(BIN)/python -m benchmarks
 
 schema: $(VENV)/installed
-	$(BIN)/python -m dldsim.config workflow/schemas/config.schema.json
+	$(BIN)/python -m dldsim.config.sections workflow/schemas/config.schema.json
 
 data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
-	$(BIN)/python -m dldsim.design_jobs results
+	$(BIN)/python -m dldsim.app.design_jobs results
 
 reference: $(VENV)/installed  # results/reference becomes what the package is judged by
-	$(BIN)/python -m dldsim.reference_study results
+	$(BIN)/python -m dldsim.evidence.reference_study results
 
 clean:
 	rm -rf $(VENV)

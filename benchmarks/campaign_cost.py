@@ -23,12 +23,12 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dldsim import campaign
-from dldsim.config import Config, Geometry, read_config
-from dldsim.geometry import whole_shift_spacing
-from dldsim.lattice import viscosity
-from dldsim.mesh import area, frequency_for_edge, make_shape
-from dldsim.tables import read_rows
+from dldsim.config import campaign
+from dldsim.config.sections import Config, Geometry, read_config
+from dldsim.solver.lattice import viscosity
+from dldsim.solver.mesh import area, frequency_for_edge, make_shape
+from dldsim.solver.pillars import whole_shift_spacing
+from dldsim.tables.parquet import read_rows
 
 CONFIG = Path(__file__).parents[1] / "config.yaml"
 SIMULATIONS = ("empty_flow", "simulate_outcome", "constrict", "verify")

@@ -25,14 +25,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from benchmarks.kernels import GEOMETRY, STIFFNESS, median_times, without_cell
-from dldsim.cellflow import CellInFlow
-from dldsim.config import Cell, Flow, Geometry, Numerics
-from dldsim.figures import render, styled
-from dldsim.flow import EmptyFlow, Fluid
-from dldsim.geometry import make_array
-from dldsim.simulation import make_scene
-from dldsim.stability import margins, refinement
-from dldsim.trajectory import SETTLED
+from dldsim.config.sections import Cell, Flow, Geometry, Numerics
+from dldsim.experiments.array_run import make_scene
+from dldsim.experiments.migration import SETTLED
+from dldsim.report.figures import render, styled
+from dldsim.solver.flow import EmptyFlow, Fluid
+from dldsim.solver.pillars import make_array
+from dldsim.solver.time_loop import CellInFlow
+from dldsim.solver.time_step import margins, refinement
 
 SWEEPS = {
     "nodes": [{"rows": rows} for rows in (1, 2, 4, 8)],

@@ -19,12 +19,12 @@ from collections.abc import Callable
 import numba
 import numpy as np
 
-from dldsim import cellflow, coupling, lattice, membrane
-from dldsim._numba import aligned_zeros, restrict
-from dldsim.config import Cell, Flow, Geometry, Numerics, Stiffness
-from dldsim.flow import Fluid, solve_empty_array
-from dldsim.geometry import make_array
-from dldsim.simulation import make_scene
+from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
+from dldsim.experiments.array_run import make_scene
+from dldsim.solver import immersed_boundary, lattice, membrane, time_loop
+from dldsim.solver.flow import Fluid, solve_empty_array
+from dldsim.solver.jit import aligned_zeros, restrict
+from dldsim.solver.pillars import make_array
 
 GEOMETRY = Geometry(pillar_radius_um=6, gap_um=16, periodicity=8)
 STIFFNESS = Stiffness(
@@ -115,7 +115,7 @@ def operations_per_update() -> int:
 
 
 def bytes_per_update(dtype) -> int:
-    """Populations read and written where they were read (see dldsim.lattice)."""
+    """Populations read and written where they were read (see dldsim.solver.lattice)."""
     return 2 * 19 * np.dtype(dtype).itemsize
 
 
@@ -132,7 +132,7 @@ def parse_scene(text: str, precision: str) -> tuple[Geometry, Numerics]:
     return GEOMETRY.model_copy(update={"periodicity": periodicity}), numerics
 
 
-def unit_cell(geometry: Geometry, numerics: Numerics) -> cellflow.CellInFlow:
+def unit_cell(geometry: Geometry, numerics: Numerics) -> time_loop.CellInFlow:
     """A cell in the unit cell of an array, with pillars, walls and shifted periodicity."""
     flow = Flow()
     scene = make_scene(
@@ -173,7 +173,7 @@ def _clear(field, value):
     field[:] = value
 
 
-def cell_parts(scene: cellflow.CellInFlow) -> dict[str, Callable[[int], None]]:
+def cell_parts(scene: time_loop.CellInFlow) -> dict[str, Callable[[int], None]]:
     """Every part of a step by itself; the scene stays as it is."""
     fluid, body = scene.fluid, scene.body
     x, v, total = body.x.copy(), body.smooth.copy(), body.force.copy()
@@ -182,17 +182,17 @@ def cell_parts(scene: cellflow.CellInFlow) -> dict[str, Callable[[int], None]]:
         "membrane": repeated(
             membrane.elastic_forces, x, v, scene.membrane, scene.moduli, scene.scratch, total
         ),
-        "contact": repeated(coupling.contact_forces, x, scene.contact, answer),
-        "locate": repeated(coupling.locate, x, scene.domain, scene.stencil),
+        "contact": repeated(immersed_boundary.contact_forces, x, scene.contact, answer),
+        "locate": repeated(immersed_boundary.locate, x, scene.domain, scene.stencil),
         "clear force": repeated(_clear, density, density.dtype.type(0)),
-        "spread": repeated(coupling.spread, total * 1e-9, scene.stencil, density),
+        "spread": repeated(immersed_boundary.spread, total * 1e-9, scene.stencil, density),
         "interpolate": repeated(
-            coupling.interpolate, fluid.velocity, fluid.force, 0.5, scene.stencil, answer
+            immersed_boundary.interpolate, fluid.velocity, fluid.force, 0.5, scene.stencil, answer
         ),
     }
 
 
-def without_cell(scene: cellflow.CellInFlow) -> Fluid:
+def without_cell(scene: time_loop.CellInFlow) -> Fluid:
     """The fluid of a scene once more, by itself."""
     fluid = scene.fluid
     alone = Fluid(

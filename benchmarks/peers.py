@@ -16,9 +16,9 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.kernels import GEOMETRY, empty_box, median_times
-from dldsim.config import Flow, Numerics
-from dldsim.flow import Fluid
-from dldsim.geometry import make_array
+from dldsim.config.sections import Flow, Numerics
+from dldsim.solver.flow import Fluid
+from dldsim.solver.pillars import make_array
 
 
 def lbmpy_step(cells: tuple[int, int, int], precision: str) -> Callable[[int], None]:

@@ -30,11 +30,11 @@ from benchmarks.kernels import (
     unit_cell,
     without_cell,
 )
-from dldsim.config import Cell, Flow, RunControl
-from dldsim.flow import Fluid, solve_empty_array
-from dldsim.jobs import write_run
-from dldsim.lattice import stream_collide
-from dldsim.simulation import Record, simulate_run
+from dldsim.app.jobs import write_run
+from dldsim.config.sections import Cell, Flow, RunControl
+from dldsim.experiments.array_run import Record, simulate_run
+from dldsim.solver.flow import Fluid, solve_empty_array
+from dldsim.solver.lattice import stream_collide
 
 COUPLING = ("locate", "clear force", "spread", "interpolate", "contact")
 FIELDS = "force and velocity fields"

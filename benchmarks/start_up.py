@@ -18,19 +18,19 @@ def stage(name: str) -> None:
 
 
 def start(path: str, edge: float) -> None:
-    """What `dldsim.jobs.run_job` does until the first step, and one row of steps."""
-    import dldsim.jobs  # noqa: F401
+    """What `dldsim.app.jobs.run_job` does until the first step, and one row of steps."""
+    import dldsim.app.jobs  # noqa: F401
 
     stage("imports of a job")
     import pandas  # noqa: F401, not needed by a run, beside it for comparison
 
     stage("(pandas, for comparison)")
     from benchmarks.kernels import STIFFNESS
-    from dldsim.config import Cell
-    from dldsim.flow import EmptyFlow
-    from dldsim.geometry import make_array
-    from dldsim.simulation import make_scene
-    from dldsim.stability import margins
+    from dldsim.config.sections import Cell
+    from dldsim.experiments.array_run import make_scene
+    from dldsim.solver.flow import EmptyFlow
+    from dldsim.solver.pillars import make_array
+    from dldsim.solver.time_step import margins
 
     stage("imports of the kernels")
     flow = EmptyFlow.load(path)

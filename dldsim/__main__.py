@@ -2,6 +2,6 @@
 
 import sys
 
-from dldsim.cli import main
+from dldsim.app.cli import main
 
 sys.exit(main())

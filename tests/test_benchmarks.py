@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from dldsim import campaign
-from dldsim.config import Cell, Flow, Numerics, read_config
-from dldsim.flow import solve_empty_array
-from dldsim.geometry import make_array
-from dldsim.simulation import make_scene
-from dldsim.stability import lag_number
+from dldsim.config import campaign
+from dldsim.config.sections import Cell, Flow, Numerics, read_config
+from dldsim.experiments.array_run import make_scene
+from dldsim.solver.flow import solve_empty_array
+from dldsim.solver.pillars import make_array
+from dldsim.solver.time_step import lag_number
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))

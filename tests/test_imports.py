@@ -85,7 +85,7 @@ def test_light_modules_start_light(module):
 
 @pytest.mark.parametrize("module", sorted(ANALYSIS & set(MODULES)))
 def test_analysis_does_without_kernels(module):
-    kernels = {m for m in MODULES if "dldsim._numba" in imports(m, top=False)} | FLOORS[5]
+    kernels = {m for m in MODULES if "dldsim.solver.jit" in imports(m, top=False)} | FLOORS[5]
     found = imports(module, top=False)
     assert "numba" not in found
     assert not inside(found) & kernels

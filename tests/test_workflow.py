@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from dldsim import campaign, reference_study
-from dldsim.config import read_config
-from dldsim.tables import read_rows
+from dldsim.config import campaign
+from dldsim.config.sections import read_config
+from dldsim.evidence import reference_study
+from dldsim.tables.parquet import read_rows
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")

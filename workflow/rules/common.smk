@@ -7,11 +7,14 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-from dldsim import PHYSICS_VERSION, accuracy, campaign, reference_study, spot_check, uncertainty
-from dldsim.config import CELL_NUMERICS, resolve
+from dldsim import PHYSICS_VERSION
+from dldsim.analysis import uncertainty
+from dldsim.config import campaign
+from dldsim.evidence import accuracy, reference_study, spot_check
+from dldsim.config.sections import CELL_NUMERICS, resolve
 from dldsim.errors import DldsimError
-from dldsim.stability_sweep import FAMILIES
-from dldsim.validation import CASES
+from dldsim.evidence.stability_sweep import FAMILIES
+from dldsim.evidence.validation import CASES
 
 RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"

@@ -1,4 +1,5 @@
-# Validation cases beside reference values; not part of the campaign, see dldsim/validation.py.
+# Validation cases beside reference values; not part of the campaign, see
+# dldsim/evidence/validation.py.
 
 
 rule validate_case:

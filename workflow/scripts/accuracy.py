@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.config import Config
-from dldsim.jobs import gather_accuracy, job_log
+from dldsim.app.jobs import gather_accuracy, job_log
+from dldsim.config.sections import Config
 
 with job_log(snakemake.log[0]):
     gather_accuracy(

@@ -1,9 +1,9 @@
 """Outcomes in, analysis of variance and its diagnostics out."""
 
-from dldsim.campaign import derive_seed
-from dldsim.jobs import job_log, provenance
-from dldsim.statistics import analyse
-from dldsim.tables import read_table, write_csv, write_table
+from dldsim.analysis.statistics import analyse
+from dldsim.app.jobs import job_log, provenance
+from dldsim.config.campaign import derive_seed
+from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
     seed = derive_seed(snakemake.params.settings["seed"], "anova")

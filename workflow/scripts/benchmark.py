@@ -1,9 +1,9 @@
 """Outcomes in, errors and predictions of each regressor out."""
 
-from dldsim.campaign import derive_seed
-from dldsim.jobs import job_log, provenance
-from dldsim.regressors import benchmark
-from dldsim.tables import read_table, write_csv, write_table
+from dldsim.analysis.regressors import benchmark
+from dldsim.app.jobs import job_log, provenance
+from dldsim.config.campaign import derive_seed
+from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
     seed = derive_seed(snakemake.params.settings["seed"], "benchmark")

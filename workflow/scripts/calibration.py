@@ -1,8 +1,8 @@
 """Constriction runs in, deformation index per group and its correlations out."""
 
-from dldsim.calibration import calibrate, correlations
-from dldsim.jobs import job_log, provenance
-from dldsim.tables import read_table, write_csv, write_table
+from dldsim.analysis.calibration import calibrate, correlations
+from dldsim.app.jobs import job_log, provenance
+from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
     runs = read_table("constriction_runs", snakemake.input[0])

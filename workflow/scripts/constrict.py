@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.jobs import constriction_job, job_log
+from dldsim.app.jobs import constriction_job, job_log
 
 with job_log(snakemake.log[0]) as progress:
     constriction_job(

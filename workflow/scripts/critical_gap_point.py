@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.jobs import job_log
-from dldsim.reference_jobs import point_job, simulator
+from dldsim.app.jobs import job_log
+from dldsim.app.reference_jobs import point_job, simulator
 
 with job_log(snakemake.log[0]) as progress:
     point_job(

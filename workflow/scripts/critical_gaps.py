@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from dldsim.config import Config
-from dldsim.jobs import job_log
-from dldsim.reference_jobs import gather_gaps
+from dldsim.app.jobs import job_log
+from dldsim.app.reference_jobs import gather_gaps
+from dldsim.config.sections import Config
 
 with job_log(snakemake.log[0]):
     gather_gaps(

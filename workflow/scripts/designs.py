@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.design_jobs import design_job
-from dldsim.jobs import job_log
+from dldsim.app.design_jobs import design_job
+from dldsim.app.jobs import job_log
 
 with job_log(snakemake.log[0]):
     design_job(

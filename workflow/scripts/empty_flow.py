@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.jobs import flow_job, job_log
+from dldsim.app.jobs import flow_job, job_log
 
 with job_log(snakemake.log[0]) as progress:
     flow_job(

@@ -1,7 +1,7 @@
 """Tables of one kind into one, with its CSV twin."""
 
-from dldsim.jobs import job_log, provenance
-from dldsim.tables import concatenate, write_csv
+from dldsim.app.jobs import job_log, provenance
+from dldsim.tables.parquet import concatenate, write_csv
 
 with job_log(snakemake.log[0]):
     kind, table = snakemake.params.kind, snakemake.output.table

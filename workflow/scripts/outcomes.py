@@ -1,9 +1,9 @@
 """All outcomes into one table, with deformation index and numerical uncertainty."""
 
-from dldsim.calibration import join_deformation_index
-from dldsim.jobs import job_log, provenance
-from dldsim.tables import read_many, read_table, write_csv, write_table
-from dldsim.uncertainty import read_model, with_uncertainty
+from dldsim.analysis.calibration import join_deformation_index
+from dldsim.analysis.uncertainty import read_model, with_uncertainty
+from dldsim.app.jobs import job_log, provenance
+from dldsim.tables.parquet import read_many, read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
     settings = snakemake.params.settings

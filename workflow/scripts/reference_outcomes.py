@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from dldsim.jobs import job_log
-from dldsim.reference_jobs import gather_pairs
+from dldsim.app.jobs import job_log
+from dldsim.app.reference_jobs import gather_pairs
 
 with job_log(snakemake.log[0]):
     files = map(Path, snakemake.input)

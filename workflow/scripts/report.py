@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.jobs import job_log
-from dldsim.report import make_report
+from dldsim.app.jobs import job_log
+from dldsim.report.campaign_page import make_report
 
 with job_log(snakemake.log[0]):
     make_report(

@@ -1,8 +1,8 @@
 """Outcomes in, robustness of each geometry out."""
 
-from dldsim.jobs import job_log, provenance
-from dldsim.statistics import robustness
-from dldsim.tables import read_table, write_csv, write_table
+from dldsim.analysis.statistics import robustness
+from dldsim.app.jobs import job_log, provenance
+from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
     table, about = snakemake.output.table, provenance(snakemake.params.settings)

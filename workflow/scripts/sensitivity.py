@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from dldsim.campaign import derive_seed
-from dldsim.jobs import job_log, provenance
-from dldsim.sensitivity import examine
-from dldsim.surrogate import load
-from dldsim.tables import read_table, write_csv, write_table
+from dldsim.analysis.sensitivity import examine
+from dldsim.analysis.surrogate import load
+from dldsim.app.jobs import job_log, provenance
+from dldsim.config.campaign import derive_seed
+from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):
     settings = snakemake.params.settings

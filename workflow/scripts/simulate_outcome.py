@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.jobs import OutcomeFiles, job_log, outcome_job
+from dldsim.app.jobs import OutcomeFiles, job_log, outcome_job
 
 with job_log(snakemake.log[0]) as progress:
     outcome_job(

@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from dldsim.jobs import job_log
-from dldsim.reference_jobs import gather_spot_check
+from dldsim.app.jobs import job_log
+from dldsim.app.reference_jobs import gather_spot_check
 
 with job_log(snakemake.log[0]):
     sentence = gather_spot_check(

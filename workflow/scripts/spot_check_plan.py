@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from dldsim.jobs import job_log
-from dldsim.reference_jobs import spot_check_cost
+from dldsim.app.jobs import job_log
+from dldsim.app.reference_jobs import spot_check_cost
 
 with job_log(snakemake.log[0]):
     sentence = spot_check_cost(Path(snakemake.input.outcomes), snakemake.params.drawn,

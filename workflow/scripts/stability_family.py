@@ -1,9 +1,9 @@
 """One family of the stability sweep: its points out."""
 
-from dldsim.config import Config
-from dldsim.jobs import job_log, provenance
-from dldsim.stability_sweep import run_family
-from dldsim.tables import write_table
+from dldsim.app.jobs import job_log, provenance
+from dldsim.config.sections import Config
+from dldsim.evidence.stability_sweep import run_family
+from dldsim.tables.parquet import write_table
 
 with job_log(snakemake.log[0]) as progress:
     rows = run_family(snakemake.wildcards.family, Config(**snakemake.params.config), progress)

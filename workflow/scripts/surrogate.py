@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from dldsim.campaign import derive_seed
-from dldsim.jobs import job_log
-from dldsim.surrogate import fit
-from dldsim.tables import read_table
+from dldsim.analysis.surrogate import fit
+from dldsim.app.jobs import job_log
+from dldsim.config.campaign import derive_seed
+from dldsim.tables.parquet import read_table
 
 with job_log(snakemake.log[0]):
     seed = derive_seed(snakemake.params.settings["seed"], "surrogate")

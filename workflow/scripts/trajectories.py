@@ -1,7 +1,7 @@
 """All trajectories into one table."""
 
-from dldsim.jobs import job_log, provenance
-from dldsim.tables import concatenate
+from dldsim.app.jobs import job_log, provenance
+from dldsim.tables.parquet import concatenate
 
 with job_log(snakemake.log[0]):
     about = provenance(snakemake.params.settings)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.jobs import job_log, validation_job
+from dldsim.app.jobs import job_log, validation_job
 
 with job_log(snakemake.log[0]) as progress:
     validation_job(

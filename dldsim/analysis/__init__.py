@@ -1,0 +1,1 @@
+"""What is learnt from tables: calibration, statistics, surrogate, uncertainty."""

@@ -1,0 +1,1 @@
+"""Commands, jobs of the rules, and the service."""

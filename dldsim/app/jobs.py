@@ -1,0 +1,375 @@
+"""One simulation, its files: what the campaign's jobs and the commands share.
+
+In a campaign a crash (an exception) becomes a row of status "failed"; see
+:mod:`dldsim.config.campaign`.
+"""
+
+import contextlib
+import shutil
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+import numpy as np
+
+from dldsim.config import campaign
+from dldsim.config.sections import (
+    Cell,
+    CellShape,
+    Config,
+    Constriction,
+    ConstrictionGroup,
+    Flow,
+    Geometry,
+    Numerics,
+    RunControl,
+    Stiffness,
+)
+from dldsim.errors import DldsimError
+from dldsim.evidence import accuracy
+from dldsim.tables.parquet import (
+    COLUMNS,
+    atomic_path,
+    describe,
+    read_columns,
+    read_rows,
+    write_csv,
+    write_table,
+)
+
+Progress = Callable[[str], None]
+
+@contextlib.contextmanager
+def job_log(path: Path) -> Iterator[Progress]:
+    """Send everything printed to a log file; a DldsimError ends the job without a traceback."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    console = sys.stderr
+    with path.open("w", encoding="utf-8", buffering=1) as log:
+        with contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
+            try:
+                yield _writer(log)
+            except DldsimError as error:
+                log.write(f"{error}\n")
+                console.write(f"{error}\n")
+                raise SystemExit(1) from None
+            except Exception:
+                log.write(traceback.format_exc())
+                raise
+
+
+def _writer(log: TextIO) -> Progress:
+    start = time.perf_counter()
+
+    def progress(sentence: str) -> None:
+        log.write(f"{time.perf_counter() - start:8.1f} s  {sentence}\n")
+
+    return progress
+
+
+def provenance(settings: Mapping[str, Any], seed: int | None = None) -> dict:
+    """Metadata of a file that depends on these settings and this seed."""
+    settings = dict(settings)
+    return {"config_hash": campaign.settings_hash(settings), "seed": seed, "settings": settings}
+
+
+def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crashes: Path,
+             progress: Progress) -> None:
+    """Empty-array flow of one geometry: `flow` (.npz) and its row of `flows`."""
+    geometry = campaign.parse_geometry(identifier)
+
+    def simulate() -> None:
+        from dldsim.solver.flow import solve_empty_array
+
+        result = solve_empty_array(
+            geometry, Flow(**settings["flow"]), Numerics(**settings["numerics"]), progress
+        )
+        write_table("flows", [flow_row(result)], row, provenance(settings))
+        result.save(flow)
+
+    def give_up(reason: str) -> None:
+        known = {
+            **geometry.model_dump(),
+            "pitch_um": geometry.pitch_um,
+            "height_um": settings["flow"]["height_um"],
+            "drive": settings["flow"]["drive"],
+        }
+        write_table("flows", [_failed("flows", known, reason)], row, provenance(settings))
+        with atomic_path(flow) as part, part.open("wb") as file:
+            np.savez(file)
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def flow_row(result) -> dict:
+    """Row of `flows` of an EmptyFlow."""
+    return {"stop_reason": "the mean velocity is steady", **result.summary()}
+
+
+class Partial:
+    """Finished releases of an outcome under way, in a folder of their own until it is written.
+
+    A stop then costs at most the release under way. What was made with other settings is not used.
+    """
+
+    def __init__(self, directory: Path, outcome: str, settings: Mapping):
+        self.directory, self.outcome, self.about = Path(directory), outcome, provenance(settings)
+
+    def _files(self, place: float) -> tuple[Path, Path]:
+        name = campaign.run_id(self.outcome, place)
+        return (self.directory / f"{name}.run.parquet",
+                self.directory / f"{name}.trajectory.parquet")
+
+    def keep(self, place: float, result) -> None:
+        """Write a RunResult; its row last, which says that all of it is there."""
+        row, trajectory = self._files(place)
+        write_table("trajectory", result.trajectory, trajectory, self.about)
+        write_table("runs", [result.row], row, self.about)
+
+    def finished(self, places: Iterable[float]) -> dict[float, Any]:
+        """The RunResults that are there, by place."""
+        from dldsim.experiments.array_run import RunResult
+
+        found = {}
+        for place in places:
+            row, trajectory = self._files(place)
+            if all(made_with(path, self.about["config_hash"]) for path in (row, trajectory)):
+                columns = read_columns("trajectory", trajectory)
+                path = {name: columns[name].to_numpy() for name in columns.column_names}
+                found[place] = RunResult(read_rows("runs", row)[0], path)
+        return found
+
+    def remove(self) -> None:
+        shutil.rmtree(self.directory, ignore_errors=True)
+
+
+def made_with(path: Path, digest: str) -> bool:
+    """Whether a table exists, is readable, of this physics, and made with these settings."""
+    try:
+        about = describe(path)
+        read_columns(about["kind"], path)
+    except DldsimError:
+        return False
+    return about["provenance"]["config_hash"] == digest
+
+
+class OutcomeFiles(NamedTuple):
+    """Tables of one outcome: its row of `outcomes`, its `runs`, the `trajectory` of all releases.
+    """
+
+    outcome: Path
+    runs: Path
+    trajectory: Path
+
+
+def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Path,
+                files: OutcomeFiles, partial: Path, crashes: Path, progress: Progress) -> None:
+    """One outcome of the campaign: as many releases as it takes; finished ones wait in `partial`.
+    """
+    pair = campaign.parse_outcome(identifier)
+    control = RunControl(**settings["run_control"])
+    sections = (pair.geometry, Stiffness(**settings["stiffness"]), CellShape(**settings["cell"]),
+                Flow(**settings["flow"]), Numerics(**settings["numerics"]))
+    kept = Partial(partial, identifier, settings)
+
+    def simulate() -> None:
+        [start] = read_rows("flows", flow_row)
+        if start["status"] == "failed":
+            raise DldsimError(f"The flow without a cell failed: {start['stop_reason']}")
+        from dldsim.experiments.array_run import simulate_outcome
+        from dldsim.solver.flow import EmptyFlow
+
+        result = simulate_outcome(
+            *sections, control, outcome_id=identifier, stiffness_set=pair.stiffness_set,
+            empty_flow=EmptyFlow.load(flow), keep=kept.keep, progress=progress,
+            finished=kept.finished(control.release_gap_fractions),
+        )  # fmt: skip
+        write_outcome(result, files, settings)
+        kept.remove()
+
+    def give_up(reason: str) -> None:
+        from dldsim.experiments.array_run import known_of
+
+        geometry, stiffness, *rest = sections
+        known = known_of(identifier, geometry, stiffness, pair.stiffness_set, *rest)
+        done = kept.finished(control.release_gap_fractions).values()
+        known |= {"mode": "none", "sigma_num_basis": "no angle", "left_out": "",
+                  "releases": len(done), "rows_total": sum(r.row["rows_completed"] for r in done)}
+        about = provenance(settings)
+        write_table("trajectory", _empty("trajectory"), files.trajectory, about)
+        write_table("runs", [r.row for r in done] or _empty("runs"), files.runs, about)
+        write_table("outcomes", [_failed("outcomes", known, reason)], files.outcome, about)
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def write_outcome(result, files: OutcomeFiles, settings: Mapping) -> None:
+    """Write the tables of an OutcomeResult, its row last."""
+    about = provenance(settings)
+    write_table("trajectory", result.trajectory(), files.trajectory, about)
+    write_table("runs", result.rows(), files.runs, about)
+    write_table("outcomes", [{**NOT_JOINED, **result.row}], files.outcome, about)
+
+
+NOT_JOINED = {"deformation_index": None, "deformation_index_std": None, "sigma_num_deg": None,
+              "sigma_num_basis": "not joined yet"}
+"""Columns of `outcomes` that are filled when the outcomes are gathered."""
+
+
+def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
+    """Write the two tables of a RunResult."""
+    write_table("trajectory", result.trajectory, trajectory, provenance(settings))
+    write_table("runs", [result.row], row, provenance(settings))
+
+
+def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path,
+                 progress: Progress) -> None:
+    """One run of the accuracy study: its row of `runs` or `constriction_runs`."""
+    variant = accuracy.parse_variant(identifier)
+    kind = accuracy.kind_of(variant)
+    cell, flow = Cell(**settings["cell"]), Flow(**settings["flow"])
+    numerics = Numerics(**settings["numerics"])
+
+    def simulate() -> None:
+        if kind == "runs":
+            from dldsim.experiments.array_run import simulate_run
+
+            result = simulate_run(
+                Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]), cell, flow,
+                numerics, RunControl(**settings["run_control"]), run_id=identifier,
+                outcome_id=variant.run, stiffness_set=settings["stiffness_set"],
+                progress=progress,
+            ).row  # fmt: skip
+        else:
+            from dldsim.experiments.constriction import simulate_constriction
+
+            result = simulate_constriction(
+                variant.run, ConstrictionGroup(**settings["group"]),
+                Constriction(**settings["constriction"]), cell, flow, numerics,
+                release_position_um=settings["release_position_um"], run_id=identifier,
+                progress=progress,
+            ).row
+        write_table(kind, [result], row, provenance(settings))
+
+    def give_up(reason: str) -> None:
+        if kind == "runs":
+            known = _known_of_run(identifier, variant.run, settings)
+        else:
+            known = _known_of_constriction(identifier, variant.run, settings)
+        write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def gather_accuracy(rows: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
+                    table: Path) -> None:
+    """Table of the accuracy study from its runs (variant, file of its row)."""
+    found = []
+    for identifier, path in rows:
+        variant = accuracy.parse_variant(identifier)
+        found.append((variant, read_rows(accuracy.kind_of(variant), path)[0]))
+    write_table("accuracy", accuracy.table(found, config), table, provenance(settings))
+    write_csv("accuracy", table)
+
+
+def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
+    """Columns of `runs` that do not need a simulation."""
+    from dldsim.experiments.array_run import known_of
+
+    cell = Cell(**settings["cell"])
+    known = known_of(
+        outcome, Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]),
+        settings["stiffness_set"], cell, Flow(**settings["flow"]), Numerics(**settings["numerics"]),
+    )  # fmt: skip
+    return known | {
+        "run_id": identifier, "release_gap_fraction": cell.release_gap_fraction, "mode": "none",
+        "rows_completed": 0, "orbit_rows": 0, "lateral_steps_um": [], "left_out": "",
+        "details": "{}",
+    }  # fmt: skip
+
+
+def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,
+                     crashes: Path, progress: Progress) -> None:
+    """One constriction run: `row` of `constriction_runs`, and its `trajectory`."""
+    name, _, design = campaign.parse_constriction(identifier)
+    group = ConstrictionGroup(**settings["group"])
+    channel = Constriction(**settings["constriction"])
+    release = settings["release_position_um"]
+
+    def simulate() -> None:
+        from dldsim.experiments.constriction import simulate_constriction
+
+        result = simulate_constriction(
+            name, group, channel, Cell(**settings["cell"]), Flow(**settings["flow"]),
+            Numerics(**settings["numerics"]), release_position_um=release, run_id=identifier,
+            progress=progress,
+        )  # fmt: skip
+        result.row["design"] = design
+        write_constriction(result, row, trajectory, settings)
+
+    def give_up(reason: str) -> None:
+        known = _known_of_constriction(identifier, name, settings) | {"design": design}
+        kind = "constriction_runs"
+        write_table("constriction_trajectory", _empty("constriction_trajectory"), trajectory,
+                    provenance(settings))
+        write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
+
+    _attempt(identifier, simulate, give_up, crashes, progress)
+
+
+def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dict:
+    """Columns of `constriction_runs` that do not need a simulation."""
+    group = ConstrictionGroup(**settings["group"])
+    return {
+        "run_id": identifier,
+        "group": name,
+        "stiffness_set": group.stiffness_set or "",
+        **group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"}),
+        "velocity_mm_s": group.velocity_mm_s,
+        "design": campaign.GROUP_VELOCITY,
+        "release_position_um": settings["release_position_um"],
+    }
+
+
+def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -> None:
+    """Write the two tables of a ConstrictionResult."""
+    about = provenance(settings)
+    write_table("constriction_trajectory", result.trajectory, trajectory, about)
+    write_table("constriction_runs", [result.row], row, about)
+
+
+def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
+                   progress: Progress) -> None:
+    """Run one validation case and write its rows; a case that raises is counted as a crash."""
+    from dldsim.evidence.validation import BROKEN, run_case
+
+    rows = run_case(case, progress)
+    if rows[-1]["quantity"] == BROKEN:
+        progress(rows[-1]["note"])
+        campaign.record_crash(crashes, case, rows[-1]["note"])
+    write_table("validation", rows, table, provenance(settings))
+
+
+def _attempt(identifier: str, simulate: Callable[[], None], give_up: Callable[[str], None],
+             crashes: Path, progress: Progress) -> None:
+    """Simulate; on an exception log it, count it, and write what stands for the result."""
+    try:
+        simulate()
+    except Exception as error:
+        expected = isinstance(error, DldsimError)
+        reason = str(error) if expected else f"{type(error).__name__}: {error}"
+        progress(reason if expected else traceback.format_exc())
+        campaign.record_crash(crashes, identifier, reason)
+        give_up(reason)
+
+
+def _failed(kind: str, known: Mapping, reason: str) -> dict:
+    blank = {column.name: None for column in COLUMNS[kind] if column.nullable}
+    return {**blank, **known, "status": "failed", "stop_reason": reason}
+
+
+def _empty(kind: str) -> dict:
+    return {column.name: [] for column in COLUMNS[kind]}

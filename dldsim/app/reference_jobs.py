@@ -1,0 +1,145 @@
+"""Jobs of the reference study and of the spot check: settings and tables in, tables out.
+
+An outcome that takes hours loses at most the release under way when it is interrupted: finished
+releases wait in a folder until it is written. A program failure ends the job; unlike in a campaign
+nothing stands in for its result.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dldsim.analysis import uncertainty
+from dldsim.app.jobs import NOT_JOINED, Partial, Progress, provenance
+from dldsim.config.campaign import Pair, outcome_id, parse_outcome
+from dldsim.config.sections import (
+    CellShape,
+    Config,
+    Flow,
+    Geometry,
+    Numerics,
+    RunControl,
+    Stiffness,
+)
+from dldsim.evidence import reference_study, spot_check
+from dldsim.evidence.reference_study import CAMPAIGN, Row
+from dldsim.tables.parquet import atomic_path, read_rows, write_csv, write_table
+
+Simulator = Callable[[str, Geometry, str, Mapping[str, Any]], Row]
+"""Row of `outcomes` of an identifier, its array, its stiffness set, and settings by section."""
+
+
+def simulator(partial: Path, progress: Progress) -> Simulator:
+    """A Simulator that keeps finished releases under ``partial`` while it is at work."""
+    def simulate(identifier, geometry, stiffness_set, settings):
+        from dldsim.experiments.array_run import simulate_outcome
+
+        control = RunControl(**settings["run_control"])
+        kept = Partial(Path(partial) / identifier, identifier, settings)
+        result = simulate_outcome(
+            geometry, Stiffness(**settings["stiffness"]), CellShape(**settings["cell"]),
+            Flow(**settings["flow"]), Numerics(**settings["numerics"]), control,
+            outcome_id=identifier, stiffness_set=stiffness_set, keep=kept.keep,
+            finished=kept.finished(control.release_gap_fractions), progress=progress,
+        )  # fmt: skip
+        kept.remove()
+        return {**NOT_JOINED, **result.row}
+
+    return simulate
+
+
+def outcome_job(identifier: str, settings: Mapping, *, row: Path, simulate: Simulator) -> None:
+    """One outcome of a pair or of the spot check, its row of `outcomes`."""
+    geometry, stiffness_set = parse_outcome(identifier)
+    found = simulate(identifier, geometry, stiffness_set, settings)
+    write_table("outcomes", [found], row, provenance(settings))
+
+
+def point_job(identifier: str, settings: Mapping, *, before: Path | None, start: Path | None,
+              table: Path, simulate: Simulator) -> None:
+    """The next point of a search: `critical_gap_points` so far in, one more out.
+
+    ``before``: points so far, None for the first. ``start``: points of the search at the campaign's
+    numerics, None for that search itself.
+    """
+    search = reference_study.parse_search(identifier)
+
+    def simulate_array(geometry: Geometry, numerics: Mapping[str, Any]) -> Row:
+        name = outcome_id(Pair(geometry, search.stiffness_set))
+        return simulate(name, geometry, search.stiffness_set, {**settings, "numerics": numerics})
+
+    points = reference_study.advance(
+        search, read_rows("critical_gap_points", before) if before else [], settings,
+        simulate_array,
+        reference_study.start_from(read_rows("critical_gap_points", start)) if start else None,
+    )
+    write_table("critical_gap_points", points, table, provenance(settings))
+
+
+def gather_gaps(searches: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
+                gaps: Path, convergence: Path) -> None:
+    """`critical_gaps` and `convergence` from searches (identifier, file of their last point)."""
+    rows = []
+    for identifier, path in searches:
+        search = reference_study.parse_search(identifier)
+        points = read_rows("critical_gap_points", path)
+        rows.append(reference_study.result(
+            search, points, reference_study.search_settings(search, config)))
+    _write("critical_gaps", rows, gaps, settings)
+    _write("convergence", reference_study.convergence(rows, config), convergence, settings)
+
+
+def gather_pairs(rows: Sequence[tuple[str, str, Path]], settings: Mapping, *, outcomes: Path,
+                 model: Path, check: Path) -> str:
+    """`reference_outcomes`, the model of σ_num and its cross-validation; a sentence about it.
+
+    ``rows``: pair, name of its numerics, file of its outcome.
+    """
+    found = [(pair, name, read_rows("outcomes", path)[0]) for pair, name, path in rows]
+    best = reference_study.best_rows(found)
+    at_campaign = {pair: row for pair, name, row in found if name == CAMPAIGN}
+    pairs = [(at_campaign[row["outcome_id"]], row) for row in best]
+    fitted = uncertainty.fit_model(pairs)
+    checked = uncertainty.cross_validated(pairs)
+    fitted["check"] = uncertainty.coverage(checked)
+    _write("outcomes", best, outcomes, settings)
+    _write("reference_check", checked, check, settings)
+    with atomic_path(model) as part:
+        part.write_text(json.dumps(fitted, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return "Each pair judged without its array: " + uncertainty.closing_sentence(checked)
+
+
+def compare(rows: Sequence[Path], settings: Mapping, *, table: Path) -> str:
+    """`reference_check` of outcomes at the campaign's numerics, against the installed reference;
+    who disagrees, in a sentence."""
+    reference = {row["outcome_id"]: row for row in reference_study.reference_outcomes()}
+    model = uncertainty.read_model()
+    found = [read_rows("outcomes", path)[0] for path in rows]
+    checked = [uncertainty.check_row(row, reference[row["outcome_id"]], model)
+               for row in found if row["outcome_id"] in reference]
+    _write("reference_check", checked, table, settings)
+    sentence = uncertainty.closing_sentence(checked)
+    absent = [row["outcome_id"] for row in found if row["outcome_id"] not in reference]
+    return sentence + (f" Not in the reference: {', '.join(absent)}." if absent else "")
+
+
+def spot_check_cost(outcomes: Path, drawn: Sequence[str], releases: int) -> str:
+    """What the spot check of these outcomes takes at most."""
+    rows = [row for row in read_rows("outcomes", outcomes) if row["outcome_id"] in set(drawn)]
+    return spot_check.cost_sentence(rows, releases)
+
+
+def gather_spot_check(outcomes: Path, checks: Sequence[Path], settings: Mapping, *, table: Path
+                      ) -> str:
+    """`spot_check` from the campaign's outcomes and the rows of the checks; the verdict."""
+    campaign = {row["outcome_id"]: row for row in read_rows("outcomes", outcomes)}
+    found = [read_rows("outcomes", path)[0] for path in checks]
+    rows = [spot_check.check_row(campaign[row["outcome_id"]], row) for row in found]
+    _write("spot_check", rows, table, settings)
+    return spot_check.closing_sentence(rows)
+
+
+def _write(kind: str, rows: Sequence[Row], path: Path, settings: Mapping) -> None:
+    write_table(kind, list(rows), path, provenance(settings))
+    write_csv(kind, path)

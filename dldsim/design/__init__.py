@@ -1,0 +1,1 @@
+"""Search for arrays, their simulation, mask and files."""

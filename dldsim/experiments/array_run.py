@@ -1,0 +1,589 @@
+"""One run: one cell through one array from one place of release, until its motion has settled.
+
+One outcome: as many runs from different places as it takes to know what a cell does that enters
+anywhere.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from dldsim.config.campaign import run_id as release_id
+from dldsim.config.sections import (
+    CELL_NUMERICS,
+    Cell,
+    CellShape,
+    Flow,
+    Geometry,
+    Numerics,
+    RunControl,
+    Stiffness,
+)
+from dldsim.errors import DldsimError, NoRoom
+from dldsim.experiments.migration import (
+    SETTLED,
+    Migration,
+    analyse_path,
+    next_release,
+    outcome_of,
+    row_crossings,
+)
+from dldsim.solver.flow import EmptyFlow, Fluid, solve_empty_array
+from dldsim.solver.pillars import ArrayLattice, make_array
+from dldsim.solver.time_loop import CellInFlow, Sample, deformation_index
+from dldsim.solver.time_step import (
+    again_if_unstable,
+    bottleneck,
+    describe,
+    incurable,
+    lag_number,
+    margins,
+    refined,
+    refinement,
+)
+from dldsim.solver.units import Units
+
+Progress = Callable[[str], None] | None
+
+STUCK_ROWS = 3.0
+"""A cell is stuck if it crosses less than a tenth of a row while the mean flow passes this many."""
+RELEASE_CLEARANCE = 0.5
+"""Least distance, in nodes, between membrane and solids at release."""
+
+
+@dataclass
+class Record:
+    """Samples of a run, turned into the columns of a table at the end."""
+
+    run_id: str
+    units: Units
+    origin: np.ndarray
+    samples: list = field(default_factory=list)
+    energies: list = field(default_factory=list)
+
+    def add(self, sample: Sample, energies) -> None:
+        self.samples.append(sample)
+        self.energies.append(energies)
+
+    def column(self, name: str) -> np.ndarray:
+        return np.array([getattr(s, name) for s in self.samples])
+
+    def positions_um(self) -> np.ndarray:
+        """Centres (samples, 3) [µm] from the origin."""
+        return (self.column("centre") - self.origin) * self.units.spacing_um
+
+    def extents_um(self) -> np.ndarray:
+        """Bounding boxes (samples, 3) [µm]."""
+        return self.column("extent") * self.units.spacing_um
+
+    def time_and_place(self) -> dict[str, np.ndarray]:
+        """Columns that every trajectory table has."""
+        x, y, z = self.positions_um().T
+        return {
+            "run_id": np.full(len(self.samples), self.run_id),
+            "step": self.column("step"),
+            "t_ms": self.column("step") * self.units.time_step_us / 1e3,
+            "x_um": x,
+            "y_um": y,
+            "z_um": z,
+        }
+
+    def trajectory(self) -> dict[str, np.ndarray]:
+        """Columns of the `trajectory` table."""
+        dx, dy, _ = self.extents_um().T
+        index, a, b = deformation_index(dx, dy)
+        v = self.units.velocity_from_lu(self.column("velocity"))
+        energy = self.units.energy_aJ(np.array(self.energies))
+        terms = ("stretching", "bending", "local_area", "global_area", "volume")
+        return {
+            **self.time_and_place(),
+            **{f"v{axis}_mm_s": v[:, d] for d, axis in enumerate("xyz")},
+            "deformation_index": index,
+            "axis_a_um": a,
+            "axis_b_um": b,
+            "volume_ratio": self.column("volume_ratio"),
+            "area_ratio": self.column("area_ratio"),
+            "clearance_um": self.column("clearance") * self.units.spacing_um,
+            **{f"energy_{term}_aJ": energy[:, k] for k, term in enumerate(terms)},
+        }
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """``row``: one row of `runs`; ``trajectory``: columns of `trajectory`."""
+
+    row: dict
+    trajectory: dict
+
+
+def simulate_run(
+    geometry: Geometry,
+    stiffness: Stiffness,
+    cell: Cell,
+    flow: Flow,
+    numerics: Numerics,
+    control: RunControl,
+    *,
+    run_id: str,
+    outcome_id: str | None = None,
+    stiffness_set: str,
+    empty_flow: EmptyFlow | None = None,
+    observe: Callable[[CellInFlow, Record], None] | None = None,
+    progress: Progress = None,
+) -> RunResult:
+    """Carry one cell through the array until its motion settles or ``control.max_rows`` are done.
+
+    ``outcome_id``: the outcome that the run belongs to; by default itself.
+
+    ``observe`` is called after every sample that is recorded, with the scene as it is then, and
+    with another record where the run began anew with a shorter time step.
+    A cell that clogs or a run that leaves its stable range is a result with a status. Raises
+    DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
+    """
+    def attempt(shorter: float) -> RunResult:
+        return _simulate(geometry, stiffness, cell, flow, numerics, control, run_id,
+                         outcome_id or run_id, stiffness_set, empty_flow, observe, progress,
+                         shorter)
+
+    return again_if_unstable(attempt, numerics, progress)
+
+
+def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcome_id,
+              stiffness_set, empty_flow, observe, progress, shorter) -> RunResult:
+    """One attempt; ``shorter``: time step asked of it over that which is used."""
+    start = time.perf_counter()
+    wanted = numerics
+    if flow.height_um == 0:
+        raise DldsimError("height_um = 0 is the two-dimensional limit of the empty flow; a cell "
+                          "needs a channel height, at least its own size.")  # fmt: skip
+    if empty_flow is None:
+        empty_flow = solve_empty_array(geometry, flow, numerics, progress)
+    _check_flow(empty_flow, geometry, flow, numerics)
+    array = make_array(geometry, flow, numerics)
+    scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
+    asked = margins(scene)
+    factor = refinement(asked, numerics) * shorter
+    if factor > 1:
+        numerics = refined(numerics, factor)
+        if numerics.inertia == "stokes":
+            empty_flow = empty_flow.slower(factor)
+        else:
+            empty_flow = solve_empty_array(geometry, flow, numerics, progress)
+        scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
+        if progress and shorter == 1:
+            progress(f"time step shortened by {factor:.3g}: {bottleneck(asked)}")
+    if progress:
+        for sentence in incurable(scene):
+            progress(f"this run may fail: {sentence}")
+    units = scene.units
+    record = Record(run_id, units, np.array([array.pitch, array.pitch, array.height]) / 2)
+    row_steps = array.pitch / numerics.velocity_lu
+    chunk = 2 * max(1, round(row_steps / control.records_per_row / 2))
+    patience = STUCK_ROWS * row_steps
+    lateral = np.array([])
+    path = Path(pitch=float(array.pitch))
+    reporter = Reporter(progress, control.max_rows, array, scene)
+    status = reason = None
+    sample = scene.sample()
+
+    def keep() -> None:
+        record.add(sample, scene.energies())
+        path.add(sample)
+        if observe:
+            observe(scene, record)
+
+    keep()
+    loop = time.perf_counter()
+    while status is None:
+        scene.advance(chunk)
+        sample = scene.sample()
+        trouble = sample.trouble()
+        if trouble:
+            status, reason = "unstable", f"{trouble} at step {scene.steps}; {REMEDY}"
+            break
+        keep()
+        if path.rows > len(lateral) - 1:
+            lateral = path.crossings()
+            result = analyse_path(lateral, array.pitch, geometry.periodicity, control)
+            settled = result.status in SETTLED and path.rows >= control.min_rows
+            if settled or path.rows >= control.max_rows:
+                status, reason = result.status, result.reason
+        if path.idle(scene.steps, patience):
+            status = "stuck"
+            reason = (
+                f"the cell moved less than {0.1 * geometry.pitch_um:.1f} µm in the time in which "
+                f"the mean flow passes {STUCK_ROWS:g} rows (step {scene.steps})"
+            )
+        reporter.report(sample, path.rows)
+    wall = time.perf_counter() - loop
+    lateral = path.crossings()
+    migration = analyse_path(lateral, array.pitch, geometry.periodicity, control)
+    if status in ("unstable", "stuck"):
+        migration = broken_off(status, reason, migration.lateral_steps)
+    row = {
+        "run_id": run_id,
+        **known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, wanted),
+        "release_gap_fraction": cell.release_gap_fraction,
+        "status": status,
+        "stop_reason": reason,
+        **{name: getattr(migration, name) for name in MIGRATION},
+        "rows_completed": path.rows,
+        "lateral_steps_um": (migration.lateral_steps * array.spacing_um).tolist(),
+        **cost_and_quality(scene, record, wall),
+        "rows_in_domain": numerics.rows,
+        "lanes_in_domain": numerics.lanes,
+        "height_on_lattice_um": array.height_um,
+        "velocity_lu": numerics.velocity_lu,
+        "lag_number": lag_number(scene),
+        "capillary_number": units.capillary_number(stiffness.ks_uN_per_m),
+        "left_out": left_out(array, geometry, stiffness, numerics),
+        "details": json.dumps(
+            {
+                "pitch_nodes": array.pitch,
+                "row_shift_nodes": array.row_shift,
+                "kv_used_lu": scene.moduli.kv,
+                "kv_wanted_lu": units.pressure(stiffness.kv_Pa),
+                "velocity_blend": scene.blend,
+                **describe(asked, factor),
+                "begun_anew": shorter > 1,
+                "incurable": incurable(scene),
+                "inverted_faces_max": float(record.column("inverted").max()),
+                "start_up_s": round(loop - start, 3),
+            }
+        ),
+    }
+    return RunResult(row, record.trajectory())
+
+
+MIGRATION = (
+    "mode", "migration_angle_deg", "angle_low_deg", "angle_high_deg", "first_period_angle_deg",
+    "orbit_rows", "settled_row", "row_map_peak", "transition_distance", "capture_chance",
+)  # fmt: skip
+"""Members of a Migration that are columns of `runs` by the same name."""
+
+
+def broken_off(status: str, reason: str, lateral_steps: np.ndarray) -> Migration:
+    """Migration of a run that is stuck, unstable or failed: none."""
+    return Migration(**dict.fromkeys(MIGRATION) | {
+        "status": status, "reason": reason, "mode": "none", "orbit_rows": 0,
+        "lateral_steps": lateral_steps,
+    })  # fmt: skip
+
+
+def migration_of(row: Mapping) -> Migration:
+    """The Migration that a row of `runs` was made from; its lateral steps in µm."""
+    return Migration(
+        row["status"], row["stop_reason"], **{name: row[name] for name in MIGRATION},
+        lateral_steps=np.array(row["lateral_steps_um"]),
+    )  # fmt: skip
+
+
+def known_of(
+    outcome_id: str, geometry: Geometry, stiffness: Stiffness, stiffness_set: str, cell: CellShape,
+    flow: Flow, numerics: Numerics,
+) -> dict:
+    """Columns that `runs` and `outcomes` share and that need no simulation."""
+    return {
+        "outcome_id": outcome_id,
+        "pillar_radius_um": geometry.pillar_radius_um,
+        "gap_um": geometry.gap_um,
+        "pitch_um": geometry.pitch_um,
+        "periodicity": geometry.periodicity,
+        "row_shift_fraction": geometry.row_shift_fraction,
+        "stiffness_set": stiffness_set,
+        "cell_shape": cell.shape,
+        "cell_radius_um": cell.radius_um,
+        "height_um": flow.height_um,
+        **stiffness.model_dump(),
+        "mean_velocity_mm_s": flow.mean_velocity_mm_s,
+        "release_axis": cell.axis,
+        "bump_angle_deg": math.degrees(math.atan(geometry.row_shift_fraction)),
+        "confinement": 2 * cell.radius_um / geometry.gap_um,
+        "numerics": json.dumps(numerics.model_dump()),
+    }
+
+
+@dataclass(frozen=True)
+class OutcomeResult:
+    """``row``: one row of `outcomes`; ``runs``: by place of release, in the order of use."""
+
+    row: dict
+    runs: dict[float, RunResult]
+
+    def rows(self) -> list[dict]:
+        """Rows of `runs`."""
+        return [run.row for run in self.runs.values()]
+
+    def trajectory(self) -> dict[str, np.ndarray]:
+        """Columns of `trajectory`, one release after the other."""
+        paths = [run.trajectory for run in self.runs.values()]
+        return {name: np.concatenate([path[name] for path in paths]) for name in paths[0]}
+
+
+def simulate_outcome(
+    geometry: Geometry,
+    stiffness: Stiffness,
+    cell: CellShape,
+    flow: Flow,
+    numerics: Numerics,
+    control: RunControl,
+    *,
+    outcome_id: str,
+    stiffness_set: str,
+    empty_flow: EmptyFlow | None = None,
+    finished: Mapping[float, RunResult] = MappingProxyType({}),
+    keep: Callable[[float, RunResult], None] | None = None,
+    observe: Callable[[CellInFlow, Record], None] | None = None,
+    progress: Progress = None,
+) -> OutcomeResult:
+    """Release the cell at as many of ``control.release_gap_fractions`` as it takes.
+
+    Which place comes next, and when enough is known, `migration.next_release` says. If
+    ``control.outcome_rows_max`` rows are spent before, the outcome is undecided, with the bounds of
+    what was seen. No cell enters where it does not fit: such a place is left out, and the reason of
+    the outcome names it.
+
+    ``finished``: releases of this outcome that were simulated before, with the same settings.
+    ``keep`` is called with place and result of each release when it is done; ``observe`` as in
+    `simulate_run`. Raises DldsimError where that does, NoRoom if the cell fits at no place.
+    """
+    places, narrow = list(control.release_gap_fractions), []
+    runs = {place: finished[place] for place in places if place in finished}
+    migrations = {place: migration_of(run.row) for place, run in runs.items()}
+    while (place := next_release(migrations, places, geometry.periodicity)) is not None:
+        left = control.outcome_rows_max - sum(run.row["rows_completed"] for run in runs.values())
+        if runs and left < geometry.periodicity:
+            break
+        if empty_flow is None:
+            empty_flow = solve_empty_array(geometry, flow, numerics, progress)
+        if progress:
+            progress(f"release at {place:g} of the gap")
+        try:
+            runs[place] = simulate_run(
+                geometry, stiffness,
+                Cell(**cell.model_dump() | {"release_gap_fraction": place}), flow, numerics,
+                control.model_copy(update={"max_rows": min(control.max_rows, left)}),
+                run_id=release_id(outcome_id, place), outcome_id=outcome_id,
+                stiffness_set=stiffness_set, empty_flow=empty_flow, observe=observe,
+                progress=progress,
+            )  # fmt: skip
+        except NoRoom as error:
+            places.remove(place)
+            narrow.append(place)
+            if not places:
+                raise
+            if progress:
+                progress(f"left out: {error}")
+            continue
+        migrations[place] = migration_of(runs[place].row)
+        if keep:
+            keep(place, runs[place])
+    row = known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, numerics)
+    row |= sum_up(migrations, [run.row for run in runs.values()], geometry.periodicity)
+    if place is not None:
+        row["status"] = "undecided"
+        row["stop_reason"] = (
+            f"{row['rows_total']} of outcome_rows_max = {control.outcome_rows_max} rows spent "
+            f"before a release at {place:g} of the gap; {row['stop_reason']}"
+        )
+    if narrow:
+        row["stop_reason"] += "; does not fit at " + ", ".join(f"{p:g}" for p in narrow)
+    return OutcomeResult(row, runs)
+
+
+OUTCOME = (
+    "mode", "migration_angle_deg", "angle_low_deg", "angle_high_deg", "angle_spread_deg",
+    "share_bump", "share_mixed", "share_zigzag", "share_none", "coexisting", "settled_row",
+    "transition_distance", "releases",
+)  # fmt: skip
+"""Members of an Outcome that are columns of `outcomes` by the same name."""
+MID_GAP = 0.5
+"""Where the source releases its cells."""
+
+
+def sum_up(
+    migrations: Mapping[float, Migration], rows: Iterable[Mapping], periodicity: int
+) -> dict:
+    """Columns of `outcomes` that follow from its releases and their rows of `runs`."""
+    rows = list(rows)
+    outcome = outcome_of(migrations, periodicity)
+    source = migrations.get(MID_GAP)
+    return {
+        "status": outcome.status,
+        "stop_reason": outcome.reason,
+        **{name: getattr(outcome, name) for name in OUTCOME},
+        "source_angle_deg": source and source.first_period_angle_deg,
+        "rows_total": sum(row["rows_completed"] for row in rows),
+        "steps": sum(row["steps"] for row in rows),
+        "wall_time_s": sum(row["wall_time_s"] for row in rows),
+        "capillary_number": rows[0]["capillary_number"],
+        "spacing_um": rows[0]["spacing_um"],
+        "lag_number": max(row["lag_number"] for row in rows),
+        "left_out": rows[0]["left_out"],
+    }
+
+
+REMEDY = (
+    "usual cures: finer numerics.spacing_um, lower numerics.velocity_lu, or numerics.kernel 4-point"
+)
+
+
+def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> dict:
+    """Columns of `runs` about cost, conservation and numbers of the run."""
+    nodes = scene.fluid.lattice.nodes
+    mean = record.column("mean_velocity")[1:]
+    flux = mean[:, 1].mean() / mean[:, 0].mean() if len(mean) else 0.0
+    clearance = float(record.column("clearance").min()) * record.units.spacing_um
+    index, _, _ = deformation_index(*record.extents_um().T[:2])
+    return {
+        "steps": scene.steps,
+        "nodes": nodes,
+        "vertices": scene.vertices,
+        "spacing_um": record.units.spacing_um,
+        "time_step_us": record.units.time_step_us,
+        "relaxation_time": scene.numerics.relaxation_time,
+        "wall_time_s": wall_time_s,
+        "ms_per_step": wall_time_s / scene.steps * 1e3,
+        "mlups": nodes * scene.steps / wall_time_s / 1e6,
+        "reynolds_number": record.units.reynolds_number(scene.radius_um),
+        "mach_max": float(record.column("speed_max").max()) * math.sqrt(3),
+        "lateral_flux_ratio": float(flux),
+        "volume_drift_max": float(np.abs(record.column("volume_ratio") - 1).max()),
+        "area_drift_max": float(np.abs(record.column("area_ratio") - 1).max()),
+        "min_clearance_um": clearance,
+        "mean_deformation_index": float(index.mean()),
+    }
+
+
+def _check_flow(empty_flow: EmptyFlow, geometry: Geometry, flow: Flow, numerics: Numerics) -> None:
+    """Refuse an empty flow that was solved for anything else than this run's array and drive."""
+    wanted = {
+        **geometry.model_dump(), **flow.model_dump(), **numerics.model_dump(exclude=CELL_NUMERICS)
+    }  # fmt: skip
+    solved = {
+        **empty_flow.geometry.model_dump(), **empty_flow.flow.model_dump(),
+        **empty_flow.numerics.model_dump(),
+    }  # fmt: skip
+    other = [f"{k} = {solved[k]} (run: {v})" for k, v in wanted.items() if solved[k] != v]
+    if other:
+        raise DldsimError(
+            f"The flow without a cell was solved with {', '.join(other)}. Solve it anew for this "
+            "run, or leave it out."
+        )
+
+
+def make_scene(
+    array: ArrayLattice,
+    empty_flow: EmptyFlow,
+    stiffness: Stiffness,
+    cell: Cell,
+    flow: Flow,
+    numerics: Numerics,
+) -> CellInFlow:
+    """A cell at its place of release, midway between rows, in the flow of the empty array.
+
+    Raises DldsimError if the cell would overlap a pillar or a wall.
+    """
+    units = Units.of(array.spacing_um, flow, numerics)
+    fluid = Fluid.of(array.lattice, numerics)
+    fluid.f[:] = empty_flow.populations
+    fluid.set_body_force([*empty_flow.body_force, 0.0])
+    fluid.advance(2)
+    mobility = empty_flow.mobility
+    if flow.drive == "axial":
+        mobility = np.diag([mobility[0, 0], np.inf])
+    scene = CellInFlow(
+        fluid, units, cell, stiffness, numerics,
+        {
+            "pillars": True, "pitch": float(array.pitch), "row_shift": float(array.row_shift),
+            "radius": array.radius, "plates": True, "height": float(array.height),
+        },
+        mobility, np.array([numerics.velocity_lu, 0.0]),
+    )  # fmt: skip
+    gap = array.pitch - 2 * array.radius
+    # Midway between rows -1 and 0 the gap is displaced by half a row shift.
+    middle = array.pitch / 2 - array.row_shift / 2
+    lateral = middle + array.radius + cell.release_gap_fraction * gap
+    scene.place([0.0, lateral, array.height / 2])
+    free = scene.sample().clearance
+    if free < RELEASE_CLEARANCE:
+        raise NoRoom(
+            f"The {cell.shape} of radius {cell.radius_um:g} µm (axis {cell.axis}) does not fit at "
+            f"its release: clearance {free * array.spacing_um:.2f} µm, needed "
+            f"{RELEASE_CLEARANCE * array.spacing_um:.2f} µm. Change cell.release_gap_fraction or "
+            f"cell.axis, or raise flow.height_um (now {flow.height_um:g})."
+        )
+    return scene
+
+
+class Path:
+    """Row crossings of a path while it grows; lattice units, first plane at x = 0."""
+
+    def __init__(self, pitch: float):
+        self.pitch = pitch
+        self.x, self.y = [], []
+        self.rows = 0
+        self._mark, self._mark_step = -math.inf, 0
+
+    def add(self, sample: Sample) -> None:
+        self.x.append(sample.centre[0])
+        self.y.append(sample.centre[1])
+        self.rows = max(self.rows, int(self.x[-1] // self.pitch))
+        if self.x[-1] > self._mark + 0.1 * self.pitch:
+            self._mark, self._mark_step = self.x[-1], sample.step
+
+    def idle(self, step: int, patience: float) -> bool:
+        """Whether the path has not advanced by a tenth of a row for ``patience`` steps."""
+        return step - self._mark_step > patience
+
+    def crossings(self) -> np.ndarray:
+        return row_crossings(np.array(self.x), np.array(self.y), 0.0, self.pitch)
+
+
+class Reporter:
+    """Says where the run is, at most once a second."""
+
+    def __init__(self, progress: Progress, max_rows: int, array: ArrayLattice, scene: CellInFlow):
+        self.progress, self.max_rows, self.array, self.scene = progress, max_rows, array, scene
+        self.start = self.last = time.perf_counter()
+
+    def report(self, sample: Sample, rows: int) -> None:
+        now = time.perf_counter()
+        if self.progress is None or now - self.last < 1:
+            return
+        self.last = now
+        done = max(sample.centre[0] / self.array.pitch, 1e-3)
+        left = (now - self.start) * (self.max_rows - done) / done
+        mlups = self.scene.fluid.lattice.nodes * sample.step / (now - self.start) / 1e6
+        self.progress(
+            f"step {sample.step:,}, {mlups:.0f} MLUPS, cell at x = "
+            f"{sample.centre[0] * self.array.spacing_um:.1f} µm, {rows} of at most "
+            f"{self.max_rows} rows, at most {left:.0f} s left"
+        )
+
+
+def left_out(
+    array: ArrayLattice, geometry: Geometry, stiffness: Stiffness, numerics: Numerics
+) -> str:
+    """What this scene does without, and what that saves."""
+    lattice = array.lattice
+    items = [f"solid nodes ({1 - lattice.nodes / lattice.cells:.0%} of the box)"]
+    if lattice.half:
+        items.append("half of the height (mirror plane)")
+    if numerics.rows < geometry.periodicity:
+        items.append(
+            f"{geometry.periodicity - numerics.rows} of {geometry.periodicity} rows "
+            "(shifted periodicity)"
+        )
+    if numerics.inertia == "stokes":
+        items.append("convective inertia")
+    zero = [name for name, value in stiffness.model_dump().items() if value == 0]
+    if zero:
+        items.append("membrane terms of zero modulus: " + ", ".join(zero))
+    items.append("viscosity field (inside and outside alike)")
+    return "; ".join(items)

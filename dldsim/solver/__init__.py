@@ -1,0 +1,1 @@
+"""Kernels and the arrays they own: fluid, membrane, coupling, time step."""

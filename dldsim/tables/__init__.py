@@ -1,0 +1,1 @@
+"""Every table's columns, units and meaning; reading and writing."""

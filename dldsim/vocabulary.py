@@ -1,0 +1,4 @@
+"""Words that several floors share."""
+
+SETTLED = ("converged", "periodic", "stationary")
+"""Statuses of a motion whose angle is known."""

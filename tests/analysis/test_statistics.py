@@ -1,0 +1,332 @@
+"""Laws of the analysis of variance and of the stability score."""
+
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import f, f_oneway
+
+from dldsim.analysis.statistics import GEOMETRY, analyse, anova, most_frequent, robustness
+from dldsim.errors import DldsimError
+
+DI = {"1": 0.50, "2": 0.60, "3": 0.78}
+
+
+def factorial(angle, radii=(6, 8, 10), gaps=(18, 20, 22), rows=(4, 6, 8), sets=DI):
+    """One row per geometry and set; angle(P_r, P_g, N_p, DI) in degrees."""
+    return pd.DataFrame(
+        [
+            {"pillar_radius_um": r, "gap_um": g, "periodicity": n, "stiffness_set": s,
+             "deformation_index": sets[s], "migration_angle_deg": angle(r, g, n, sets[s])}
+            for r, g, n, s in product(radii, gaps, rows, sets)
+        ]
+    )
+
+
+def noisy(seed=0, **effects):
+    rng = np.random.default_rng(seed)
+    return lambda r, g, n, d: (
+        effects.get("r", 0) * r + effects.get("g", 0) * g + effects.get("n", 0) * n
+        + effects.get("d", 0) * d + effects.get("rd", 0) * r * d + effects.get("gn", 0) * g * n
+        + rng.normal(scale=0.1)
+    )
+
+
+def pick(table, model, term):
+    rows = table[(table["model"] == model) & (table["term"] == term)]
+    assert len(rows) == 1, (model, term, table)
+    return rows.iloc[0]
+
+
+def residual_sum(data, categories, numbers=(), crossed=()):
+    """Residual sum of squares by plain least squares: the slow twin."""
+    blocks = [np.ones((len(data), 1))]
+    indicators = {c: pd.get_dummies(data[c]).to_numpy(float) for c in categories}
+    blocks += [*indicators.values(), *(data[[n]].to_numpy(float) for n in numbers)]
+    for a, b in crossed:
+        left = indicators[a] if a in indicators else data[[a]].to_numpy(float)
+        blocks.append(np.einsum("ij,ik->ijk", left, indicators[b]).reshape(len(data), -1))
+    matrix, y = np.hstack(blocks), data["migration_angle_deg"].to_numpy()
+    return float(((y - matrix @ np.linalg.lstsq(matrix, y)[0]) ** 2).sum())
+
+
+def test_one_factor_is_one_way_analysis():
+    rng = np.random.default_rng(1)
+    frame = factorial(lambda r, g, n, d: r + rng.normal(), gaps=(20,), rows=(6,),
+                      sets=dict.fromkeys("abcdefg", 0.5))
+    row = pick(anova(frame), "main_effects", "pillar_radius_um")
+    groups = [g["migration_angle_deg"] for _, g in frame.groupby("pillar_radius_um")]
+    expected = f_oneway(*groups)
+    assert row["f_value"] == pytest.approx(expected.statistic)
+    assert row["p_value"] == pytest.approx(expected.pvalue)
+    assert row["df"] == 2
+
+
+def test_single_levels_are_dropped_with_a_note():
+    frame = factorial(noisy(r=1), gaps=(20,))
+    table = anova(frame)
+    assert "one level" in pick(table, "main_effects", "gap_um")["note"]
+    assert np.isnan(pick(table, "main_effects", "gap_um")["sum_sq"])
+    assert "gap_um:periodicity" not in set(table["term"])
+
+
+def test_known_effects_are_found_and_absent_ones_are_not():
+    table = anova(factorial(noisy(seed=3, r=0.5, n=-0.3, rd=0.4)))
+    assert pick(table, "main_effects", "pillar_radius_um")["p_value"] < 1e-10
+    assert pick(table, "main_effects", "gap_um")["p_value"] > 0.01
+    assert pick(table, "hierarchical", "deformation_index:pillar_radius_um")["p_value"] < 1e-6
+    assert pick(table, "hierarchical", "deformation_index:gap_um")["p_value"] > 0.01
+    assert pick(table, "hierarchical", "gap_um:periodicity")["p_value"] > 0.01
+
+
+@pytest.mark.parametrize("drop", [0, 9])
+def test_type_two_is_nested_least_squares(drop):
+    """Unbalanced too: SS(A) = RSS(terms without A) − RSS(those and A)."""
+    frame = factorial(noisy(seed=5, r=0.4, g=-0.2, d=2, rd=0.3, gn=0.02))
+    frame = frame.sample(len(frame) - drop, random_state=1)
+    table = anova(frame)
+    a, b, c = GEOMETRY
+    d = "deformation_index"
+    main = residual_sum(frame, GEOMETRY, [d])
+    for name in GEOMETRY:
+        without = residual_sum(frame, [f for f in GEOMETRY if f != name], [d])
+        row = pick(table, "main_effects", name)
+        assert row["sum_sq"] == pytest.approx(without - main)
+        assert row["partial_eta_sq"] == pytest.approx((without - main) / without)
+    row = pick(table, "main_effects", d)
+    assert row["sum_sq"] == pytest.approx(residual_sum(frame, GEOMETRY) - main)
+
+    every = [(d, a), (d, b), (d, c), (a, b), (a, c), (b, c)]
+    full = residual_sum(frame, GEOMETRY, [d], every)
+    assert pick(table, "hierarchical", "residual")["sum_sq"] == pytest.approx(full)
+    for x, y in every:
+        less = residual_sum(frame, GEOMETRY, [d], [p for p in every if p != (x, y)])
+        assert pick(table, "hierarchical", f"{x}:{y}")["sum_sq"] == pytest.approx(less - full)
+    # a main effect beside all terms that do not contain it
+    others = [p for p in every if a not in p]
+    rest = residual_sum(frame, [b, c], [d], others)
+    with_a = residual_sum(frame, GEOMETRY, [d], others)
+    assert pick(table, "hierarchical", a)["sum_sq"] == pytest.approx(rest - with_a)
+
+
+def test_seed_model_hands_main_effects_to_the_interactions():
+    """An angle without any interaction gets significant "interactions" from the seed's model."""
+    table = anova(factorial(noisy(seed=2, r=0.5, n=-0.5)))
+    seed = pick(table, "seed_interactions", "deformation_index:periodicity")
+    assert seed["p_value"] < 1e-6 and seed["df"] == 2 and "comparison" in seed["note"]
+    assert pick(table, "seed_interactions", "deformation_index:pillar_radius_um")["df"] == 3
+    assert pick(table, "hierarchical", "deformation_index:periodicity")["p_value"] > 0.01
+
+
+def test_gap_tied_to_radius_is_named_and_tested_as_one():
+    """The source paper's design: gap = radius + 10 µm."""
+    frame = factorial(noisy(seed=4, r=0.3, n=-0.4), gaps=(16, 18, 20))
+    frame = frame[frame["gap_um"] == frame["pillar_radius_um"] + 10]
+    table = anova(frame)
+    for name in ("pillar_radius_um", "gap_um"):
+        for model in ("main_effects", "seed_interactions", "hierarchical"):
+            row = pick(table, model, name)
+            assert np.isnan(row["f_value"]) and np.isnan(row["sum_sq"])
+            assert "gap_um is a function of pillar_radius_um" in row["note"]
+    joint = pick(table, "main_effects", "pillar_radius_um & gap_um")
+    expected = residual_sum(frame, ["periodicity"], ["deformation_index"])
+    expected -= residual_sum(frame, ["pillar_radius_um", "periodicity"], ["deformation_index"])
+    assert joint["df"] == 2 and joint["sum_sq"] == pytest.approx(expected)
+    assert pick(table, "main_effects", "periodicity")["p_value"] < 1e-6
+    assert pick(table, "hierarchical", "(pillar_radius_um & gap_um):periodicity")["df"] == 4
+
+
+def test_index_that_follows_from_geometry_is_not_separable():
+    frame = factorial(noisy(seed=6, r=1), sets={"1": 0.5})
+    frame["deformation_index"] = frame["pillar_radius_um"].map({6: 0.5, 8: 0.6, 10: 0.8})
+    row = pick(anova(frame), "main_effects", "deformation_index")
+    assert "pillar_radius_um" in row["note"] and np.isnan(row["f_value"])
+
+
+def test_unfilled_cells_leave_their_interaction_out():
+    frame = factorial(noisy(seed=7, r=1, g=1))
+    frame = frame[~((frame["pillar_radius_um"] == 10) & (frame["gap_um"] == 18))]
+    table = anova(frame)
+    row = pick(table, "hierarchical", "pillar_radius_um:gap_um")
+    assert np.isnan(row["df"]) and "cells" in row["note"]
+    assert pick(table, "hierarchical", "pillar_radius_um:periodicity")["df"] == 4
+
+
+def test_few_rows_get_the_models_they_can_carry():
+    frame = factorial(noisy(seed=8, r=1), radii=(6, 8), gaps=(18, 20), rows=(4, 6), sets={"1": 0.5})
+    table = anova(frame)
+    assert pick(table, "hierarchical", "residual")["df"] == 4
+    assert "residual degrees" in pick(table, "hierarchical", "gap_um:periodicity")["note"]
+    saturated = anova(frame.iloc[[0, 3, 5, 6]])
+    assert "no residual" in pick(saturated, "main_effects", "all")["note"]
+    assert saturated["f_value"].isna().all()
+
+
+def test_exact_fit_has_no_f():
+    row = pick(anova(factorial(lambda r, g, n, d: 2.0 * r)), "main_effects", "pillar_radius_um")
+    assert np.isnan(row["f_value"]) and row["sum_sq"] > 0 and "exactly" in row["note"]
+
+
+def test_rows_without_angle_are_counted():
+    frame = factorial(noisy(r=1))
+    frame.loc[[3, 5], "migration_angle_deg"] = np.nan
+    row = pick(anova(frame), "main_effects", "rows")
+    assert "2 of 81" in row["note"]
+    assert pick(anova(frame), "main_effects", "residual")["df"] == 79 - 8
+
+
+@pytest.mark.parametrize(
+    "spoil, words",
+    [
+        (lambda f: f.drop(columns=["gap_um", "stiffness_set"]), ["gap_um", "stiffness_set"]),
+        (lambda f: f.assign(deformation_index=np.nan), ["deformation_index", "calibration"]),
+        (lambda f: f.assign(migration_angle_deg=np.nan), ["migration_angle_deg"]),
+        (lambda f: f.assign(migration_angle_deg=3.0), ["no variance"]),
+        (lambda f: f.assign(gap_um="wide"), ["gap_um", "text"]),
+        (lambda f: f.iloc[:0], ["none of the 0 rows"]),
+    ],
+)
+def test_unusable_tables_are_refused(spoil, words):
+    with pytest.raises(DldsimError) as error:
+        anova(spoil(factorial(noisy())))
+    assert all(word in str(error.value) for word in words)
+
+
+def test_stability_score_by_hand():
+    """Three gaps in a line: angles 1, 3, 6; S = 4, (4 + 9)/2, 9."""
+    frame = factorial(lambda r, g, n, d: {18: 1, 20: 3, 22: 6}[g] + d, radii=(6,), rows=(4,))
+    table = robustness(frame.assign(mode="bump")).set_index("gap_um")
+    assert table["stability_score_deg2"].to_dict() == pytest.approx({18: 4, 20: 6.5, 22: 9})
+    assert table["neighbours"].to_dict() == {18: 1, 20: 2, 22: 1}
+    assert table["robust"].to_dict() == {18: True, 20: False, 22: False}
+    assert table["mean_migration_angle_deg"][18] == pytest.approx(1 + np.mean(list(DI.values())))
+    assert set(table["modes"]) == {"bump 3"}
+
+
+def test_neighbours_of_a_full_grid():
+    table = robustness(factorial(lambda r, g, n, d: r + 10.0 * g)).set_index(GEOMETRY)
+    assert table.loc[(8, 20, 6), "neighbours"] == 6
+    assert table.loc[(6, 18, 4), "neighbours"] == 3
+    # steps of 2 in r, 20 in g, 0 in n
+    assert table.loc[(8, 20, 6), "stability_score_deg2"] == pytest.approx((4 + 400) * 2 / 6)
+    assert table.loc[(6, 18, 4), "stability_score_deg2"] == pytest.approx((4 + 400) / 3)
+
+
+def test_tied_gap_and_radius_move_together():
+    frame = factorial(lambda r, g, n, d: float(r), gaps=(16, 18, 20))
+    table = robustness(frame[frame["gap_um"] == frame["pillar_radius_um"] + 10])
+    assert len(table) == 9
+    middle = table.set_index(GEOMETRY).loc[(8, 18, 6)]
+    assert middle["neighbours"] == 4 and middle["stability_score_deg2"] == pytest.approx(2.0)
+
+
+def test_geometry_without_neighbour_has_no_score():
+    frame = factorial(noisy(r=1), radii=(6, 8), gaps=(18, 20), rows=(4, 6))
+    alone = pd.DataFrame(
+        [{"pillar_radius_um": 30, "gap_um": 50, "periodicity": 9, "stiffness_set": "1",
+          "deformation_index": 0.5, "migration_angle_deg": 1.0}]
+    )
+    row = robustness(pd.concat([frame, alone])).iloc[-1]
+    assert row["neighbours"] == 0 and np.isnan(row["stability_score_deg2"]) and not row["robust"]
+
+
+def test_a_failed_run_is_not_sensitivity():
+    frame = factorial(lambda r, g, n, d: 10 * d, radii=(6,), rows=(4,))
+    frame.loc[0, "migration_angle_deg"] = np.nan
+    assert robustness(frame)["stability_score_deg2"].max() == pytest.approx(0)
+
+
+def test_robust_share():
+    rng = np.random.default_rng(0)
+    table = robustness(factorial(lambda r, g, n, d: rng.normal()))
+    assert table["robust"].sum() == 4
+    worst = table.loc[table["robust"], "stability_score_deg2"].max()
+    assert (table.loc[~table["robust"], "stability_score_deg2"] > worst).all()
+
+
+def test_robustness_needs_angles():
+    with pytest.raises(DldsimError, match="no row"):
+        robustness(factorial(noisy()).assign(migration_angle_deg=np.nan))
+    with pytest.raises(DldsimError, match="gap_um"):
+        robustness(factorial(noisy()).drop(columns="gap_um"))
+
+
+def test_omega_and_eta_by_hand():
+    """One factor, balanced: ω² = (SS − df MSE) / (SS + (N − df) MSE)."""
+    frame = factorial(noisy(seed=3, r=0.05), gaps=(20,), rows=(4,), sets={"1": 0.5})
+    frame = pd.concat([frame.assign(stiffness_set=str(i), migration_angle_deg=lambda t, i=i:
+                       t["migration_angle_deg"] + 0.1 * (i % 3) * (-1) ** i) for i in range(7)])
+    row, rest = (pick(anova(frame), "main_effects", t) for t in ("pillar_radius_um", "residual"))
+    error = rest["sum_sq"] / rest["df"]
+    assert row["partial_omega_sq"] == pytest.approx(
+        (row["sum_sq"] - 2 * error) / (row["sum_sq"] + (21 - 2) * error))
+    assert row["partial_omega_sq"] < row["partial_eta_sq"]
+
+
+def test_robust_p_is_the_wald_test_with_hc3():
+    """Two levels, one degree of freedom: (b/se)² with se from the sandwich written out."""
+    frame = factorial(noisy(seed=5, r=0.1, n=0.2), radii=(6, 8), gaps=(20,), sets={"1": 0.5})
+    frame = pd.concat([frame, frame.assign(stiffness_set="2", migration_angle_deg=lambda t:
+                       t["migration_angle_deg"] + np.linspace(-1, 1, len(t)) ** 3)])
+    row = pick(anova(frame), "main_effects", "pillar_radius_um")
+    x = np.column_stack([np.ones(len(frame)), frame["pillar_radius_um"] == 8,
+                         pd.get_dummies(frame["periodicity"]).to_numpy(float)[:, 1:]]).astype(float)
+    y = frame["migration_angle_deg"].to_numpy()
+    bread = np.linalg.inv(x.T @ x)
+    beta = bread @ x.T @ y
+    leverage = np.einsum("ij,jk,ik->i", x, bread, x)
+    meat = (x * ((y - x @ beta) / (1 - leverage))[:, None]).T
+    covariance = bread @ (meat @ meat.T) @ bread
+    p = f.sf(beta[1] ** 2 / covariance[1, 1], 1, len(y) - x.shape[1])
+    assert row["p_robust"] == pytest.approx(p)
+
+
+def test_permutation_knows_that_rows_of_a_geometry_are_not_independent():
+    """An effect of the radius on rows is noise between geometries: F is fooled, they are not."""
+    draw = np.random.default_rng(11)
+    offset = {key: draw.normal() for key in product((6, 8, 10), (18, 20), (4, 6))}
+    sets = {str(i): 0.5 + 0.01 * i for i in range(12)}
+    frame = factorial(lambda r, g, n, d: offset[r, g, n] + 0.01 * draw.normal(), gaps=(18, 20),
+                      rows=(4, 6), sets=sets)
+    table, tests = analyse(frame)
+    row = pick(table, "main_effects", "pillar_radius_um")
+    assert row["p_value"] < 1e-3 and row["p_permutation"] > 0.05
+    icc = tests.query("model == 'main_effects' and test == 'correlation within geometry'")
+    assert icc["statistic"].iloc[0] > 0.9
+
+
+def test_permutation_finds_what_is_there():
+    table = anova(factorial(noisy(seed=3, r=0.5, n=-0.3, d=3, rd=0.4)))
+    for term in ("pillar_radius_um", "periodicity", "deformation_index"):
+        assert pick(table, "main_effects", term)["p_permutation"] <= 0.005
+    assert pick(table, "hierarchical", "deformation_index:pillar_radius_um")[
+        "p_permutation"] <= 0.005
+    assert pick(table, "hierarchical", "gap_um:periodicity")["p_permutation"] > 0.01
+    missing = factorial(noisy(seed=3, r=0.5)).drop(range(0, 81, 4))  # few geometries are complete
+    assert anova(missing)["p_permutation"].isna().all()
+
+
+def test_diagnostics_tell_modes_from_noise():
+    """Normal noise passes; two modes fail; unequal variance fails."""
+    def of(angle, test):
+        tests = analyse(factorial(angle))[1].set_index(["model", "test"])
+        return tests.loc[("main_effects", test)]
+
+    draw = np.random.default_rng(4)
+    assert of(noisy(seed=1, r=1), "Shapiro–Wilk W")["p_value"] > 0.01
+    modes = of(lambda r, g, n, d: draw.choice([0, 5]) + 0.1 * draw.normal(), "Shapiro–Wilk W")
+    assert modes["p_value"] < 0.01
+    unequal = of(lambda r, g, n, d: draw.normal() * (n - 3) ** 2, "Breusch–Pagan LM")
+    assert unequal["p_value"] < 0.01
+
+
+def test_most_frequent_values_of_the_stable_arrays():
+    table = pd.DataFrame({
+        "pillar_radius_um": [6, 6, 8, 8], "gap_um": 20.0, "periodicity": [4, 5, 4, 5],
+        "stability_score_deg2": [1.0, 2.0, 3.0, np.nan], "robust": [True, True, False, False]})
+    found = most_frequent(table).set_index(["parameter", "value"])
+    assert found.loc[("pillar_radius_um", 6.0), "count"] == 2
+    assert found.loc[("pillar_radius_um", 6.0), "expected"] == pytest.approx(4 / 3)
+    assert found.loc[("periodicity", 5.0), "expected"] == pytest.approx(2 / 3)
+    assert ("pillar_radius_um", 8.0) not in found.index

@@ -1,0 +1,191 @@
+"""Commands answer in JSON with the tables' column names, and refuse bad input with exit code 2."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dldsim import PHYSICS_VERSION
+from dldsim.app import cli
+from dldsim.tables.parquet import COLUMNS, describe, read_rows, write_table
+
+ROOT = Path(__file__).parents[2]
+ARRAY = ["--pillar-radius-um", "5", "--gap-um", "20", "--periodicity", "4"]
+COARSE = ["--spacing-um", "2.5", "--config", str(ROOT / "config.yaml")]
+
+
+def call(capsys, *argv):
+    """Exit code, parsed JSON (None if there is none), and messages."""
+    try:
+        code = cli.main([*map(str, argv), "--json"])
+    except SystemExit as stop:
+        code = stop.code
+    out, err = capsys.readouterr()
+    return code, json.loads(out) if out else None, err
+
+
+@pytest.mark.parametrize("command", cli.EXAMPLES)
+def test_help_has_an_example(command, capsys):
+    with pytest.raises(SystemExit) as stop:
+        cli.main([command, "--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert f"example: python -m dldsim {command}" in text and "--json" in text
+
+
+@pytest.mark.parametrize("command", cli.EXAMPLES)
+def test_examples_parse(command):
+    words = cli.EXAMPLES[command].split()[3:]
+    assert cli._parser().parse_args(words).name == command
+
+
+@pytest.mark.parametrize(
+    ("argv", "parts"),
+    [
+        (["run", *ARRAY, "--set", "12"], ["--set 12", "1, 2, 3, 4, 5", "Did you mean"]),
+        (["run", *ARRAY, "--set", "1", "--gap-um", "6"], ["gap_um = 6", "P_r + d_safety"]),
+        (["run", *ARRAY, "--set", "1", "--height-um", "3"], ["height_um = 3", "squeezed"]),
+        (["run", *ARRAY, "--set", "1", "--radius-um", "-1"], ["radius_um", "-1", "number > 0"]),
+        (["run", *ARRAY, "--set", "1", "--periodicity", "1"], ["periodicity", "1", "≥ 2"]),
+        (["run", *ARRAY, "--set", "1", "--periodicity", "4.5"], ["--periodicity", "4.5"]),
+        (["run", *ARRAY, "--set", "1", "--drive", "x"], ["--drive", "axial"]),
+        (["run", *ARRAY, "--set", "1", "--config", "no.yaml"], ["Cannot read", "no.yaml"]),
+        (["flow", "--gap-um", "20"], ["required", "--pillar-radius-um"]),
+        (["constrict", "--group", "G8"], ["--group G8", "G1", "G7"]),
+        (["anova", "no.csv"], ["no.csv", "does not exist"]),
+        (["anova", "table.txt"], ["table.txt", ".csv or .parquet"]),
+        (["info", "no.parquet"], ["no.parquet", "does not exist"]),
+        (["design", "--di1", "0.5"], ["--di2"]),
+        (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
+        (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["outcomes.parquet"]),
+        (["run", *ARRAY, "--set", "1", "--outcome-rows-max", "9"], ["has no effect", "--releases"]),
+        (["run", *ARRAY, "--set", "1", "--releases", "--release-gap-fraction", "0.3"],
+         ["--release-gap-fraction 0.3 has no effect with --releases"]),
+        (["run", *ARRAY, "--set", "1", "--releases", "0.5", "1.5"], ["release_gap_fractions"]),
+    ],
+)
+def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    code, summary, message = call(capsys, *argv)
+    assert (code, summary) == (2, None)
+    assert all(part in message for part in parts), message
+    assert "Traceback" not in message
+
+
+def test_set_without_configuration(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    code, _, message = call(capsys, "run", *ARRAY, "--set", "1")
+    assert code == 2 and "--config FILE" in message
+
+
+def test_interruption_says_what_was_kept(capsys, monkeypatch):
+    def interrupt(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", interrupt)
+    code, summary, message = call(capsys, "flow", *ARRAY)
+    assert (code, summary) == (130, None) and "untouched" in message
+
+
+def test_flow_answers_with_the_columns_of_flows(capsys, tmp_path):
+    out = tmp_path / "flow.npz"
+    code, summary, _ = call(capsys, "flow", *ARRAY, *COARSE, "--height-um", 0, "--out", out)
+    assert code == 0 and out.exists()
+    assert set(summary) == {c.name for c in COLUMNS["flows"]} | {"files"}
+    assert summary["permeability_over_pitch2"] > 0 and abs(summary["lateral_flux_ratio"]) < 1e-3
+
+
+def test_run_writes_the_tables_of_the_campaign(capsys, tmp_path):
+    code, summary, _ = call(
+        capsys, "run", *ARRAY, *COARSE, "--set", 1, "--max-rows", 2, "--out", tmp_path
+    )
+    assert code == 0
+    row, trajectory = (Path(name) for name in summary["files"])
+    [stored] = read_rows("runs", row)
+    assert set(summary) == set(stored) | {"files", "sigma_num_deg", "sigma_num_basis"}
+    assert summary["run_id"] == stored["run_id"] == "r05.0_g20.0_n04_s1_y0.50"
+    assert stored["outcome_id"] == "r05.0_g20.0_n04_s1"
+    assert describe(trajectory)["kind"] == "trajectory"
+    assert "Cell" in describe(row)["provenance"]["settings"]
+
+
+def test_run_with_releases_writes_an_outcome(capsys, tmp_path):
+    code, summary, _ = call(
+        capsys, "run", *ARRAY, *COARSE, "--set", 1, "--max-rows", 2, "--releases", 0.5, 0.4,
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert code == 0
+    outcome, runs, _ = (Path(name) for name in summary["files"])
+    [stored] = read_rows("outcomes", outcome)
+    assert summary["outcome_id"] == stored["outcome_id"] == "r05.0_g20.0_n04_s1"
+    assert stored["releases"] == 2 and stored["status"] == "undecided"
+    assert [row["release_gap_fraction"] for row in read_rows("runs", runs)] == [0.5, 0.4]
+
+
+def test_anova_refuses_a_table_of_another_physics_version(capsys, tmp_path, monkeypatch):
+    path = tmp_path / "outcomes.parquet"
+    write_table("outcomes", [], path, {})
+    monkeypatch.setattr("dldsim.app.cli.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    code, _, message = call(capsys, "anova", path)
+    assert code == 2 and f"made by physics version {PHYSICS_VERSION}" in message
+
+
+def test_constrict_answers_with_the_columns_of_constriction_runs(capsys, tmp_path):
+    code, summary, _ = call(capsys, "constrict", "--set", 1, *COARSE, "--out", tmp_path)
+    assert code == 0
+    row, _ = summary.pop("files")
+    assert summary == read_rows("constriction_runs", row)[0]
+
+
+def test_stiffness_for_an_index_with_its_interval(capsys, tmp_path):
+    from dldsim.analysis.calibration import calibrate
+    from tests.analysis.test_calibration import constriction_runs
+
+    path = tmp_path / "calibration.parquet"
+    write_table("calibration", calibrate(constriction_runs()), path, {})
+    code, found, _ = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration", path)
+    assert code == 0 and found["ks_uN_per_m"] == pytest.approx(7.5)
+    assert found["ks_uN_per_m_low"] < 7 < 8 < found["ks_uN_per_m_high"]
+    code, _, message = call(capsys, "stiffness", "--di", 0.9, "--calibration", path)
+    assert code == 2 and "0.5 to 0.7" in message
+
+
+def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
+    rng = np.random.default_rng(1)
+    levels = [(r, g, n, d) for r in (5, 8) for g in (14, 20) for n in (4, 8) for d in (0.4, 0.7)]
+    frame = pd.DataFrame(
+        levels, columns=["pillar_radius_um", "gap_um", "periodicity", "deformation_index"]
+    )
+    frame["stiffness_set"] = np.where(frame.deformation_index < 0.5, "soft", "stiff")
+    frame["migration_angle_deg"] = 3 * frame.pillar_radius_um + rng.normal(size=len(frame))
+    frame.to_csv(tmp_path / "table.csv", index=False)
+    code, summary, _ = call(capsys, "anova", tmp_path / "table.csv")
+    assert code == 0
+    assert set(summary["rows"][0]) == {c.name for c in COLUMNS["anova"]}
+    assert set(summary["diagnostics"][0]) == {c.name for c in COLUMNS["anova_diagnostics"]}
+    assert summary["sobol"] or summary["sobol_refused"]
+    effects = {r["term"]: r["p_value"] for r in summary["rows"] if r["model"] == "main_effects"}
+    assert effects["pillar_radius_um"] < 1e-6 < effects["gap_um"]
+
+
+def test_info_describes_a_table(capsys, tmp_path):
+    path = tmp_path / "table.parquet"
+    rows = [{"design": "group-velocity", "variable_a": "a", "variable_b": "b",
+             "pearson_r": None, "n": 2}]  # fmt: skip
+    write_table("calibration_correlations", rows, path, {"config_hash": "x", "seed": None})
+    code, summary, _ = call(capsys, "info", path)
+    assert code == 0 and summary["rows"] == 1 and summary["provenance"]["config_hash"] == "x"
+    assert cli.main(["info", str(path)]) == 0
+    assert "null: not measured" in capsys.readouterr().out
+
+
+def test_closed_pipe_is_no_error():
+    command = f"{sys.executable} -m dldsim run --help | head -1; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(
+        ["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0 and "Traceback" not in done.stderr

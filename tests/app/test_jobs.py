@@ -1,0 +1,213 @@
+"""A crash becomes a row with its reason, so that the campaign goes on."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dldsim.app import jobs
+from dldsim.config import campaign
+from dldsim.config.sections import read_config
+from dldsim.errors import DldsimError
+from dldsim.experiments.array_run import MIGRATION, RunResult, known_of, migration_of
+from dldsim.tables.parquet import COLUMNS, read_rows, write_table
+
+GEOMETRY = "r05.0_g20.0_n04"
+CONFIG = read_config(Path(__file__).parents[2] / "config.yaml", {
+    "preset": "tiny", "run_control": {"release_gap_fractions": [0.5, 0.2, 0.8]}})
+SETTINGS = CONFIG.model_dump(mode="json")
+OUTCOME = f"{GEOMETRY}_s1"
+OF_SET = SETTINGS | {"stiffness": SETTINGS["stiffness_sets"]["1"]}
+
+
+def outcome_files(folder):
+    return jobs.OutcomeFiles(*(folder / f"{kind}.parquet" for kind in jobs.OutcomeFiles._fields))
+
+
+@pytest.fixture
+def files(tmp_path):
+    return {"flow": tmp_path / "f.npz", "row": tmp_path / "f.parquet", "crashes": tmp_path / "c"}
+
+
+def crash(error):
+    def simulate(*arguments, **options):
+        raise error
+
+    return simulate
+
+
+def test_crashed_flow_becomes_a_row_and_so_do_its_outcomes(files, monkeypatch, tmp_path):
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(MemoryError("no room")))
+    said = []
+    jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=said.append)
+    [row] = read_rows("flows", files["row"])
+    assert (row["status"], row["stop_reason"]) == ("failed", "MemoryError: no room")
+    assert row["nodes"] is None and files["flow"].exists()
+    assert "Traceback" in said[-1] and campaign.count_crashes(files["crashes"], GEOMETRY) == 1
+
+    tables = outcome_files(tmp_path)
+    jobs.outcome_job(OUTCOME, OF_SET, flow=files["flow"], flow_row=files["row"], files=tables,
+                     partial=tmp_path / "p", crashes=files["crashes"], progress=said.append)
+    [row] = read_rows("outcomes", tables.outcome)
+    assert row["status"] == "failed" and "no room" in row["stop_reason"]
+    assert (row["outcome_id"], row["migration_angle_deg"], row["mode"]) == (OUTCOME, None, "none")
+    assert (row["releases"], row["rows_total"]) == (0, 0)
+    assert read_rows("runs", tables.runs) == read_rows("trajectory", tables.trajectory) == []
+    assert campaign.count_crashes(files["crashes"], OUTCOME) == 1
+
+
+def finished_flow(files, monkeypatch):
+    """A flow job that has succeeded, without a solver."""
+    row = dict.fromkeys((c.name for c in COLUMNS["flows"]), 1.0) | {
+        "drive": "axial", "status": "steady", "stop_reason": "steady"}
+    write_table("flows", [row], files["row"], {})
+    monkeypatch.setattr("dldsim.solver.flow.EmptyFlow.load", lambda path: "the flow")
+
+
+def release(place, rows=4, lane=True):
+    """RunResult of a made-up run: bumping row after row, or wandering."""
+    outcome, name = OUTCOME, campaign.run_id(OUTCOME, place)
+    config = resolve_sections()
+    row = {
+        **dict.fromkeys(c.name for c in COLUMNS["runs"] if c.nullable),
+        **known_of(outcome, *config), "run_id": name, "release_gap_fraction": place,
+        "status": "converged" if lane else "undecided", "stop_reason": "why",
+        "mode": "bump" if lane else "none", "rows_completed": rows, "orbit_rows": int(lane),
+        "lateral_steps_um": [7.5] * rows, "left_out": "", "details": "{}", "steps": 100,
+        "wall_time_s": 2.0, "lag_number": 0.1, "spacing_um": 1.25, "capillary_number": 0.3,
+    }
+    if lane:
+        row |= {"migration_angle_deg": 14.0, "angle_low_deg": 13.9, "angle_high_deg": 14.1,
+                "first_period_angle_deg": 12.0 + place, "settled_row": 2,
+                "transition_distance": 0.5}
+    track = {c.name: np.full(3, place) for c in COLUMNS["trajectory"]}
+    return RunResult(row, track | {"run_id": np.full(3, name), "step": np.arange(3)})
+
+
+def resolve_sections():
+    geometry = campaign.parse_geometry(GEOMETRY)
+    return (geometry, CONFIG.stiffness_sets["1"], "1", CONFIG.cell, CONFIG.flow, CONFIG.numerics)
+
+
+def do(files, tmp_path, settings=OF_SET):
+    tables = outcome_files(tmp_path)
+    jobs.outcome_job(OUTCOME, settings, flow=files["flow"], flow_row=files["row"], files=tables,
+                     partial=tmp_path / "p", crashes=files["crashes"], progress=print)
+    return tables
+
+
+def test_an_interrupted_outcome_loses_only_the_release_under_way(files, monkeypatch, tmp_path):
+    finished_flow(files, monkeypatch)
+    asked = []
+
+    def simulate(*sections, stop=None, **options):
+        place = sections[2].release_gap_fraction
+        asked.append(place)
+        if place == stop:
+            raise KeyboardInterrupt
+        return release(place)
+
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", partial(simulate, stop=0.2))
+    with pytest.raises(KeyboardInterrupt):
+        do(files, tmp_path)
+    assert asked == [0.5, 0.2] and not outcome_files(tmp_path).outcome.exists()
+
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
+    other = OF_SET | {"flow": OF_SET["flow"] | {"mean_velocity_mm_s": 2.0}}
+    assert jobs.Partial(tmp_path / "p", OUTCOME, other).finished([0.5]) == {}
+    asked.clear()
+    tables = do(files, tmp_path)
+    assert asked == [0.2]  # two that agree, far from the transition, are enough
+    rows = read_rows("runs", tables.runs)
+    assert [row["release_gap_fraction"] for row in rows] == [0.5, 0.2]
+    assert [row["run_id"] for row in rows] == [f"{OUTCOME}_y0.50", f"{OUTCOME}_y0.20"]
+    assert rows[0] == release(0.5).row
+    track = read_rows("trajectory", tables.trajectory)
+    assert [r["run_id"] for r in track] == [rows[0]["run_id"]] * 3 + [rows[1]["run_id"]] * 3
+    [row] = read_rows("outcomes", tables.outcome)
+    assert (row["status"], row["mode"], row["releases"]) == ("decided", "bump", 2)
+    assert (row["rows_total"], row["steps"], row["wall_time_s"]) == (8, 200, 4.0)
+    assert row["source_angle_deg"] == 12.5  # of the release at mid-gap
+    assert row["sigma_num_basis"] == "not joined yet"
+    assert not (tmp_path / "p").exists()
+
+
+def test_an_outcome_without_rows_left_is_undecided_within_bounds(files, monkeypatch, tmp_path):
+    finished_flow(files, monkeypatch)
+    limits = []
+
+    def simulate(*sections, **options):
+        limits.append(sections[5].max_rows)
+        return release(sections[2].release_gap_fraction, sections[5].max_rows, lane=False)
+
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
+    control = OF_SET["run_control"] | {"max_rows": 8, "outcome_rows_max": 14}
+    tables = do(files, tmp_path, OF_SET | {"run_control": control})
+    assert limits == [8, 6]  # the third place has no rows left
+    [row] = read_rows("outcomes", tables.outcome)
+    assert (row["status"], row["rows_total"], row["releases"]) == ("undecided", 14, 2)
+    assert "14 of outcome_rows_max = 14 rows spent before a release at 0.8" in row["stop_reason"]
+
+
+def test_a_crash_keeps_the_finished_releases(files, monkeypatch, tmp_path):
+    finished_flow(files, monkeypatch)
+
+    def simulate(*sections, **options):
+        place = sections[2].release_gap_fraction
+        if place != 0.5:
+            raise DldsimError("does not fit")
+        return release(place)
+
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
+    tables = do(files, tmp_path)
+    [row] = read_rows("outcomes", tables.outcome)
+    assert (row["status"], row["stop_reason"]) == ("failed", "does not fit")
+    assert (row["releases"], row["rows_total"], row["migration_angle_deg"]) == (1, 4, None)
+    assert [r["release_gap_fraction"] for r in read_rows("runs", tables.runs)] == [0.5]
+    settings = OF_SET
+    assert [*jobs.Partial(tmp_path / "p", OUTCOME, settings).finished([0.5, 0.2])] == [0.5]
+
+
+def test_a_row_of_runs_gives_its_migration_back():
+    made = release(0.2)
+    again = migration_of(made.row)
+    assert {name: getattr(again, name) for name in MIGRATION} == {
+        name: made.row[name] for name in MIGRATION}
+    assert (again.status, again.reason) == ("converged", "why")
+    assert again.lateral_steps.tolist() == [7.5] * 4
+
+
+def test_crashed_constriction_becomes_a_row(tmp_path, monkeypatch):
+    monkeypatch.setattr("dldsim.experiments.constriction.simulate_constriction",
+                        crash(DldsimError("too fast")))
+    settings = SETTINGS | {"group": SETTINGS["constriction_groups"]["G1"],
+                           "release_position_um": 3.0}
+    out = {"row": tmp_path / "r.parquet", "trajectory": tmp_path / "t.parquet"}
+    said = []
+    jobs.constriction_job("G1_1", settings, **out, crashes=tmp_path, progress=said.append)
+    [row] = read_rows("constriction_runs", out["row"])
+    assert (row["status"], row["stop_reason"]) == ("failed", "too fast")
+    assert (row["group"], row["stiffness_set"], row["release_position_um"]) == ("G1", "1", 3.0)
+    assert said == ["too fast"]
+
+
+def test_interruption_is_no_crash(files, monkeypatch):
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(KeyboardInterrupt()))
+    with pytest.raises(KeyboardInterrupt):
+        jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
+    assert not files["row"].exists() and not files["crashes"].exists()
+
+
+def test_log_takes_everything_and_bad_input_has_no_traceback(tmp_path, capsys):
+    log = tmp_path / "logs" / "a.log"
+    with pytest.raises(SystemExit) as stop, jobs.job_log(log) as progress:
+        progress("step 1 of 2")
+        raise DldsimError("gap too small")
+    assert stop.value.code == 1
+    text = log.read_text(encoding="utf-8")
+    assert "step 1 of 2" in text and "gap too small" in text and "Traceback" not in text
+    assert "gap too small" in capsys.readouterr().err
+    with pytest.raises(ValueError), jobs.job_log(log):
+        raise ValueError("odd")
+    assert "Traceback" in log.read_text(encoding="utf-8")

@@ -1,0 +1,332 @@
+"""The page, against a service in memory: requests, states, results and refusals."""
+
+import ast
+import json
+from pathlib import Path
+
+import httpx
+import pytest
+from streamlit.testing.v1 import AppTest
+
+from dldsim.app.web.api import models
+from dldsim.app.web.ui import SCRIPT, charts, client
+from dldsim.app.web.ui.parts import allowed, plain
+from tests.app.web import web_page_fake
+from tests.app.web.web_page_fake import HIGH, ID, LOW, Fake
+
+PAGE = Path(SCRIPT).parent
+
+
+@pytest.fixture
+def service(monkeypatch):
+    import streamlit as st
+
+    fake = Fake()
+    connection = httpx.Client(base_url="http://api", transport=httpx.MockTransport(fake))
+    monkeypatch.setattr(client, "connect", lambda base: connection)
+    st.cache_data.clear()
+    return fake
+
+
+def opened(**query) -> AppTest:
+    page = AppTest.from_file(str(SCRIPT), default_timeout=60)
+    for name, value in query.items():
+        page.query_params[name] = value
+    return page.run()
+
+
+def texts(page: AppTest) -> str:
+    kinds = ("title", "header", "subheader", "markdown", "caption", "error", "warning", "info",
+             "success")
+    return "\n".join(e.value for kind in kinds for e in getattr(page, kind))
+
+
+def button(page: AppTest, label: str):
+    [found] = [b for b in page.button if b.label == label]
+    return found
+
+
+def sound(page: AppTest) -> AppTest:
+    assert not page.exception, page.exception[0].message
+    return page
+
+
+def sent(service: Fake, method: str, path: str) -> list:
+    return [r for r in service.asked if r.method == method and r.url.path == "/api/v1" + path]
+
+
+# ------------------------------------------------------------------------------------------ bounds
+
+
+@pytest.mark.parametrize("path", sorted(PAGE.glob("*.py")), ids=lambda p: p.stem)
+def test_the_page_asks_and_never_computes(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    found |= {a.name for node in ast.walk(tree) if isinstance(node, ast.Import)
+              for a in node.names}
+    own = {name for name in found if name.startswith("dldsim")}
+    assert all(n.startswith("dldsim.app.web.ui") or n == "dldsim.app.web.api" for n in own)
+
+
+# ------------------------------------------------------------------------------------ design page
+
+
+def test_default_form_is_a_request_that_the_contract_takes(service):
+    page = sound(opened())
+    button(page, "Search for designs").click().run()
+    [request] = sent(service, "POST", "/designs")
+    spec = models.DesignSpec(**json.loads(request.content))
+    assert LOW <= spec.deformation_index_1 < spec.deformation_index_2 <= HIGH
+    assert spec.gap_um == (12.0, 22.0) and spec.periodicity == (4, 12)
+    assert sound(page).query_params["design"] in (ID, [ID])
+
+
+def test_fields_show_unit_and_allowed_range(service):
+    page = opened()
+    radius = page.number_input(key="form:radius_1_um")
+    [limit] = [f for f in models.limits_of(models.DesignSpec) if f.name == "radius_1_um"]
+    assert "[µm]" in radius.label and radius.max == limit.maximum
+    assert f"allowed {allowed(limit)}" in texts(page)
+    assert page.slider(key="form:trials").max == 500  # the service takes fewer than the contract
+
+
+def test_search_shows_its_course_then_the_dashboard(service):
+    page = opened()
+    button(page, "Search for designs").click().run()
+    assert "Searching" in texts(page)
+    service.finish()
+    page = sound(page.run())
+    shown = texts(page)
+    for words in ("Ranked candidates", "Downloads", "Importance for the objective", "made\\-up",
+                  "Parallel coordinates", "Predicted difference", "Verification by simulation",
+                  "Search 2.0 s of 3.1 s", "The best candidate is extrapolated"):
+        assert words in shown
+    assert "extrapolated: it lies outside" in shown  # the candidate that is looked at
+
+
+def test_cancelled_and_failed_searches_say_so(service):
+    page = opened()
+    button(page, "Search for designs").click().run()
+    button(page, "Cancel").click().run()
+    assert sent(service, "DELETE", f"/designs/{ID}")
+    assert "cancelled" in texts(sound(page.run()))
+    page = opened()
+    button(page, "Search for designs").click().run()
+    other = page.query_params["design"]
+    service.finish(other if isinstance(other, str) else other[0], "failed")
+    assert "The search failed" in texts(sound(page.run())) and "no memory" in texts(page)
+
+
+def test_design_in_the_address_brings_request_and_result_back(service):
+    spec = models.DesignSpec(stiffness_set_1="1", deformation_index_2=0.7, radius_2_um=9.0,
+                             gap_um=(13, 19), trials=30, objective="separation")
+    service.designs[ID] = service.status(ID, spec, "done")
+    page = sound(opened(design=ID))
+    assert "Ranked candidates" in texts(page)
+    assert page.number_input(key="form:radius_2_um").value == 9.0
+    assert page.number_input(key="form:gap_um_low").value == 13.0
+    assert page.radio(key="form:by_1").value == "stiffness set"
+    button(page, "Search for designs").click().run()
+    again = models.DesignSpec(**json.loads(sent(service, "POST", "/designs")[0].content))
+    assert again == spec
+
+
+@pytest.mark.parametrize(("verdict", "words"), [
+    (models.Verdict(state="running", message="step 12 of 40", elapsed_s=90.0),
+     "Simulating (1.5 min): step 12 of 40"),
+    (models.Verdict(state="failed", message="no moduli"), "The simulation failed"),
+    (models.Verdict(state="cancelled"), "The simulation was cancelled"),
+    (models.Verdict(state="done", designs=[web_page_fake.row(
+        "verified_designs", rank=1, separates=True, verdict="separates as predicted")],
+        verifications=[web_page_fake.row("verifications", population="difference", role="design",
+                                         agrees=True, simulated_deg=2.0)]),
+     "separates as predicted"),
+])  # fmt: skip
+def test_verdict_of_the_simulation_is_attached(service, verdict, words):
+    spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH, verify=True)
+    service.designs[ID] = service.status(ID, spec, "done").model_copy(
+        update={"verification": verdict})
+    page = sound(opened(design=ID))
+    assert words in texts(page).replace("\\", "")
+
+
+def test_address_with_something_else_never_reaches_the_service(service):
+    page = sound(opened(design="../health"))
+    assert "no id" in texts(page)
+    assert not [r for r in service.asked if "designs" in r.url.path]
+
+
+def test_unknown_design_is_said_and_can_be_forgotten(service):
+    page = sound(opened(design=ID))
+    assert "Not found" in texts(page)
+    button(page, "Forget this design").click().run()
+    assert "Not found" not in texts(sound(page))
+
+
+def test_fields_survive_another_page(service):
+    page = opened()
+    page.number_input(key="form:radius_1_um").set_value(6.0).run()
+    state = page.session_state["form:radius_1_um"]
+    page.run()
+    assert state == page.number_input(key="form:radius_1_um").value == 6.0
+
+
+# ---------------------------------------------------------------------------------------- refusals
+
+
+def problem(kind: str, message: str, field: str = "", **more) -> models.Problem:
+    fields = [models.FieldProblem(field=field, value="", message=message)] if field else []
+    return models.Problem(error=kind, message=message, fields=fields, **more)
+
+
+@pytest.mark.parametrize(("status", "found", "words"), [
+    (422, problem("infeasible", "deformation_index_2 = 0.9 is outside, 0.68 to 0.74",
+                  "deformation_index_2"), "This request cannot be met"),
+    (422, problem("invalid", "gap_um = (5, 4): lowest bound first", "gap_um.0"),
+     "The request was refused"),
+    (429, problem("busy", "The queue is full.", retry_after_s=7), "Try again in 7 s"),
+    (503, problem("unhealthy", "no worker"), "cannot answer now"),
+    (500, problem("defect", "The service failed at this request"), "This did not work"),
+])  # fmt: skip
+def test_refused_request_is_shown_in_place_and_the_form_stays(service, status, found, words):
+    service.refuse["POST /designs"] = status, found
+    page = opened()
+    page.number_input(key="form:radius_1_um").set_value(6.0).run()
+    button(page, "Search for designs").click().run()
+    shown = texts(sound(page))
+    assert words in shown and plain(found.message) in shown
+    if found.fields:  # above the button, and at the field
+        assert shown.count(plain(found.message)) == 2
+    assert page.number_input(key="form:radius_1_um").value == 6.0
+    del service.refuse["POST /designs"]
+    button(page, "Search for designs").click().run()
+    assert words not in texts(sound(page))
+
+
+def test_silent_service_is_said_with_the_remedy(service):
+    service.down = True
+    page = sound(opened())
+    assert "cannot be reached" in texts(page) and "make web" in texts(page).replace("\\", "")
+    service.down = False
+    button(page, "Try again").click().run()
+    assert "Cell type 1" in texts(sound(page))
+
+
+def test_service_that_goes_away_during_a_search_is_asked_again(service):
+    page = opened()
+    button(page, "Search for designs").click().run()
+    service.down = True
+    assert "does not answer" in texts(sound(page.run()))
+    service.down = False
+    service.finish()
+    assert "Ranked candidates" in texts(sound(page.run()))
+
+
+def test_answer_of_another_program_is_told_from_a_refusal(monkeypatch):
+    other = httpx.Client(base_url="http://api", transport=httpx.MockTransport(
+        lambda r: httpx.Response(404, text="<html>no such page</html>")))
+    monkeypatch.setattr(client, "connect", lambda base: other)
+    with pytest.raises(client.ApiError, match="something else at that address"):
+        client.model(None)
+
+
+def test_text_of_others_is_no_markup():
+    assert plain("![x](y) *b* `make -j`") == r"\!\[x\]\(y\) \*b\* `make -j`"
+
+
+# -------------------------------------------------------------------------------- the other pages
+
+
+def test_campaign_page_shows_angles_calibration_and_a_prediction(service):
+    page = sound(run_page("campaign_page"))
+    shown = texts(page)
+    assert "27 outcomes, 6 of them without an angle" in shown
+    assert "the true one is wider" in shown
+    button(page, "Predict").click().run()
+    assert "Full bump" in texts(sound(page)) and "outside" in texts(page)
+    [asked] = sent(service, "POST", "/predict")
+    models.PredictSpec(**json.loads(asked.content))
+
+
+def run_page(name: str) -> AppTest:
+    return AppTest.from_string(f"from dldsim.app.web.ui import {name}\n{name}.page()",
+                               default_timeout=60).run()
+
+
+def test_refused_inversion_is_shown_below_its_fields(service):
+    service.refuse["POST /stiffness"] = 422, problem(
+        "infeasible", "deformation_index = 0.9: calibrated 0.68 to 0.74", "deformation_index")
+    shown = texts(sound(run_page("campaign_page")))
+    assert shown.count("calibrated 0\\.68 to 0\\.74") == 1
+
+
+def test_measurements_are_refused_in_place(service):
+    service.refuse["POST /measurements"] = 422, problem(
+        "invalid", "measurements: at least 1 of", "measurements")
+    page = run_page("measurements_page")
+    button(page, "Fit with these angles").click().run()
+    assert texts(sound(page)).count("measurements\\: at least 1 of") >= 1
+
+
+def test_campaign_that_is_ready_can_be_used_and_deleted(service):
+    found = json.loads(service._campaign("my *own*", "uploaded", 5).text)
+    page = AppTest.from_string("from dldsim.app.web.ui import measurements_page\n"
+                               "measurements_page.page()", default_timeout=60)
+    page.session_state["campaigns_made"] = {found["id"]: found["name"]}
+    page = sound(page.run())
+    assert "my \\*own\\*" in texts(page) and "is ready" in texts(page)
+    button(page, "Use it").click().run()
+    assert page.session_state["campaign"] == found["id"]
+    assert sent(service, "GET", "/model")[-1].url.params["campaign"] == found["id"]
+    button(page, "Delete it").click().run()
+    assert page.session_state["campaign"] is None and not service.campaigns
+
+
+# ------------------------------------------------------------------------------------------ charts
+
+
+def test_hull_holds_all_points():
+    square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 1.0), (1.0, 0.0)]
+    assert set(charts.hull(square)) == set(square[:4])
+    assert charts.hull(square)[0] == charts.hull(square)[-1]
+
+
+def test_array_is_drawn_to_scale_with_rows_shifted():
+    design = {"pillar_radius_um": 5.0, "gap_um": 10.0, "periodicity": 4, "mode_1": "bump"} | {
+        f"angle_1_{s}deg": 14.036 for s in ("", "low_", "high_")}
+    figure = charts.array(design, [7.5])
+    pillars = [s for s in figure.layout.shapes if s.fillcolor == charts.PILLAR]
+    assert all(abs(s.x1 - s.x0 - 10) < 1e-9 for s in pillars)
+    lowest = {s.x0 + 5: (s.y0 + 5) % 20 for s in pillars}
+    assert lowest[20.0] == pytest.approx(5.0) and lowest[0.0] == pytest.approx(0.0)
+    line = next(t for t in figure.data if t.mode == "lines")
+    assert line.y[1] - line.y[0] == pytest.approx(20.0, abs=0.01)  # one pitch in N_p rows
+    assert figure.layout.yaxis.scaleanchor == "x"
+
+
+def test_surface_turns_its_axes():
+    spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH)
+    found = web_page_fake.result(spec)
+    slices = [s.model_dump() for s in found.slices]
+    designs = [d.model_dump() for d in found.designs]
+    one = charts.surface(slices, "periodicity", "gap_um", designs).data[0]
+    two = charts.surface(slices, "gap_um", "periodicity", designs).data[0]
+    assert [list(r) for r in zip(*one.z, strict=True)] == [list(r) for r in two.z]
+
+
+def test_parallel_lines_cover_every_feasible_trial():
+    spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH)
+    trials = [t.model_dump() for t in web_page_fake.result(spec).trials]
+    figure = charts.parallel(trials, "robust")
+    lines = sum(x is None for t in figure.data for x in t.x)
+    assert lines == sum(t["feasible"] for t in trials)
+
+
+@pytest.mark.parametrize(("low", "high", "open_", "words"), [
+    (0.0, 50.0, True, "above 0 to 50 µm"), (2.0, 100.0, False, "2 to 100 µm"),
+    (0.0, None, False, "from 0 µm"), (None, None, False, "any"),
+])  # fmt: skip
+def test_allowed_range_in_words(low, high, open_, words):
+    limit = models.FieldLimit(name="x", minimum=low, exclusive_minimum=open_, maximum=high,
+                              default=None, unit="µm", description="")
+    assert allowed(limit) == words

@@ -1,0 +1,338 @@
+"""The page for real: API, page and Chromium without a screen, from request to download and error.
+
+    sh tests/app/web/ui_browser.sh      # installs Debian's chromium and playwright, then runs this
+
+DLDSIM_WEB_TEST_RESULTS names the campaign; without it, the one that comes with the package.
+DLDSIM_WEB_TEST_SHOTS names a folder for pictures of what was seen.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+playwright = pytest.importorskip("playwright.sync_api")
+pytestmark = pytest.mark.service
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+         "--disable-background-networking", "--disable-component-update", "--disable-sync"]
+WAIT_S = float(os.environ.get("DLDSIM_WEB_TEST_LIMIT_S", 300))
+SHOTS = os.environ.get("DLDSIM_WEB_TEST_SHOTS")
+WIDTH, HEIGHT = 1400, 1000
+ERROR = '[data-testid="stAlert"]'
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+class Part:
+    """One part of the service as a process."""
+
+    def __init__(self, part: str, log: Path, port: int, *options: str, **environment: str):
+        name = {"api": "--port", "ui": "--page-port"}[part]
+        self.argv = [sys.executable, "-m", "dldsim", "serve", part, name, str(port), *options]
+        self.base, self.log = f"http://127.0.0.1:{port}", log
+        self.environment = {**os.environ, **environment}
+        self.start()
+
+    def start(self) -> None:
+        self.process = subprocess.Popen(self.argv, stdout=self.log.open("a"),
+                                        stderr=subprocess.STDOUT, env=self.environment,
+                                        start_new_session=True)
+
+    def wait(self, path: str) -> None:
+        end = time.monotonic() + WAIT_S
+        while time.monotonic() < end:
+            assert self.process.poll() is None, self.log.read_text()
+            try:
+                with urllib.request.urlopen(self.base + path, timeout=30):
+                    return
+            except OSError:
+                time.sleep(0.5)
+        raise AssertionError(f"{self.argv} does not answer")
+
+    def stop(self) -> None:
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGTERM)
+            self.process.wait(60)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    """API and page."""
+    folder = tmp_path_factory.mktemp("service")
+    port = free_port()
+    results = os.environ.get("DLDSIM_WEB_TEST_RESULTS")
+    options = ["--results", results] if results else []
+    api = Part("api", folder / "api.log", port, "--state", str(folder / "state"), *options,
+               DLDSIM_WEB_QUEUE_MAX="2")
+    page = Part("ui", folder / "page.log", free_port(), "--api", api.base)
+    try:
+        api.wait("/api/v1/health")
+        page.wait("/_stcore/health")
+        yield api, page
+    finally:
+        page.stop()
+        api.stop()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    assert CHROMIUM, "chromium is not installed: sh tests/app/web/ui_browser.sh"
+    with playwright.sync_playwright() as driver:
+        found = driver.chromium.launch_persistent_context(
+            tmp_path_factory.mktemp("profile"), executable_path=CHROMIUM, headless=True,
+            args=FLAGS, viewport={"width": WIDTH, "height": HEIGHT}, accept_downloads=True)
+        found.set_default_timeout(WAIT_S * 1e3)
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def tab(browser, service, request):
+    """A fresh session of the page, which must ask nobody but this machine."""
+    found = browser.new_page()
+    outside = []
+    found.on("request", lambda r: outside.append(r.url) if r.url.startswith("http")
+             and "127.0.0.1" not in r.url else None)
+    yield found
+    if SHOTS is not None:
+        found.screenshot(path=Path(SHOTS) / f"last-{request.node.name}.png")
+    found.close()
+    assert not outside
+
+
+def opened(tab, service, query: str = ""):
+    tab.goto(service[1].base + query)
+    tab.get_by_text("Cell radius R").first.wait_for(state="attached")
+    settled(tab)
+    return tab
+
+
+def settled(tab) -> None:
+    """Wait until the page has been drawn to its end."""
+    tab.wait_for_timeout(500)
+    tab.locator('[data-testid="stApp"][data-test-script-state="notRunning"]').wait_for()
+    tab.wait_for_timeout(500)
+
+
+def press(tab, name: str) -> None:
+    tab.get_by_role("button", name=name, exact=False).first.click()
+
+
+def fill(tab, label: str, value: str, place: int = 0) -> None:
+    field = tab.get_by_label(label, exact=False).and_(tab.locator("input[type=number]")).nth(place)
+    field.fill(value)
+    field.press("Enter")
+    settled(tab)
+
+
+def shoot(tab, name: str) -> None:
+    """A picture of the whole page."""
+    if SHOTS is None:
+        return
+    height = tab.evaluate("document.querySelector('[data-testid=stMain]').scrollHeight")
+    tab.set_viewport_size({"width": WIDTH, "height": min(height + 20, 8000)})
+    tab.wait_for_timeout(2500)
+    tab.screenshot(path=Path(SHOTS) / f"web-{name}.png")
+    tab.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+
+
+def asked(service, identifier: str, method: str = "GET", path: str = "/designs/") -> dict:
+    request = urllib.request.Request(service[0].base + "/api/v1" + path + identifier,
+                                     method=method)
+    with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
+        return json.load(answer)
+
+
+def test_request_course_dashboard_and_downloads(tab, service):
+    opened(tab, service)
+    shoot(tab, "form")
+    start = time.monotonic()
+    press(tab, "Search for designs")
+    tab.get_by_text("Searching").wait_for()
+    tab.locator(".js-plotly-plot:visible").first.wait_for()  # the course, while the search runs
+    shoot(tab, "live")
+    tab.get_by_role("heading", name="Ranked candidates").wait_for()
+    sys.stdout.write(f"click to dashboard: {time.monotonic() - start:.1f} s\n")
+    settled(tab)
+    shoot(tab, "dashboard")
+    identifier = tab.url.split("design=")[1].split("&")[0]
+    status = asked(service, identifier)
+    for text in ("Importance for the objective", "Parallel coordinates", "Tolerances",
+                 "Array to scale", "The request in the training domain", "Provenance",
+                 status["result"]["importance"][0]["evaluator"]):
+        assert tab.get_by_text(text).first.count(), text
+    assert not tab.get_by_text("WebGL").count()
+    files = {f["name"]: f for f in status["files"] if f["candidate"] in (1, None)}
+    assert {f["kind"] for f in files.values()} == {"json", "csv", "gds", "dxf", "report"}
+    for kind, label in (("json", "JSON"), ("csv", "CSV"), ("gds", "GDSII"),
+                        ("dxf", "DXF"), ("report", "Report (HTML)")):
+        with tab.expect_download() as waiting:  # tables have a download of their own
+            tab.locator('[data-testid="stDownloadButton"] button').filter(
+                has_text=label).first.click()
+        given = waiting.value
+        content = Path(given.path()).read_bytes()
+        assert files[given.suggested_filename]["kind"] == kind
+        assert hashlib.sha256(content).hexdigest() == files[given.suggested_filename]["sha256"]
+
+
+def test_address_brings_a_design_back(tab, service):
+    opened(tab, service)
+    fill(tab, "Cell radius R", "7.1", 1)
+    press(tab, "Search for designs")
+    tab.wait_for_url("**design=*")
+    address = tab.url
+    press(tab, "Cancel")
+    tab.get_by_text("The search was cancelled").wait_for()
+    opened(tab, service, "?" + address.split("?")[1])
+    tab.get_by_text("The search was cancelled").wait_for()
+    tab.get_by_text("Request", exact=True).first.click()
+    assert float(tab.get_by_label("Cell radius R").and_(tab.locator("input")).nth(1)
+                 .input_value()) == 7.1
+
+
+REFUSED = {
+    "equal": ([("Deformation index", "INSIDE", 0), ("Deformation index", "INSIDE", 1)],
+              "no array separates equals"),
+    "outside": ([("Deformation index", "0.95", 1)], "outside the training data"),
+    "bounds": ([("lowest", "30", 1)], "lowest bound first"),
+    "infeasible": ([("lowest", "3", 1), ("highest", "4", 1)], "no geometry within the bounds"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refusal_is_shown_where_it_belongs(tab, service, case):
+    fields, words = REFUSED[case]
+    low, high = asked(service, "", path="/model")["deformation_index_range"]
+    opened(tab, service)
+    for label, value, place in fields:
+        fill(tab, label, f"{(low + high) / 2:.4f}" if value == "INSIDE" else value, place)
+    press(tab, "Search for designs")
+    tab.locator(ERROR).filter(has_text=words).first.wait_for()
+    shoot(tab, f"refused-{case}")
+
+
+def test_full_queue_says_when_to_come_back(tab, service):
+    api = service[0].base + "/api/v1/designs"
+    body = json.dumps({"stiffness_set_1": "1", "stiffness_set_2": "5", "trials": 400}).encode()
+    taken = []
+    for _ in range(2):
+        request = urllib.request.Request(api, body, {"Content-Type": "application/json"})
+        with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
+            taken.append(json.load(answer)["id"])
+    opened(tab, service)
+    press(tab, "Search for designs")
+    tab.locator(ERROR).filter(has_text="The service is busy").first.wait_for()
+    assert "Try again in" in tab.locator(ERROR).filter(has_text="busy").first.inner_text()
+    shoot(tab, "busy")
+    for identifier in taken:
+        asked(service, identifier, "DELETE")
+
+
+def test_campaign_page_and_the_inverse(tab, service):
+    opened(tab, service)
+    tab.get_by_role("link", name="Campaign").click()
+    tab.get_by_text("Hollow").wait_for()
+    settled(tab)
+    shoot(tab, "campaign")
+    tab.get_by_role("tab", name="Deformation index").click()
+    tab.get_by_text("Bars: 95").wait_for()
+    shoot(tab, "calibration")
+    fill(tab, "Deformation index", "0.95")
+    tab.locator(ERROR).filter(has_text="0.95").first.wait_for()
+    shoot(tab, "refused-inverse")
+    tab.get_by_role("tab", name="Predict one").click()
+    press(tab, "Predict")
+    tab.get_by_text("Full bump").wait_for()
+    settled(tab)
+    shoot(tab, "predict")
+
+
+def test_uploaded_campaign_is_used_and_deleted(tab, service, tmp_path):
+    table = asked(service, "outcomes", path="/campaign/")
+    names = [c["name"] for c in table["columns"]]
+    good, bad = tmp_path / "outcomes.csv", tmp_path / "bad.csv"
+    good.write_text("\n".join([",".join(names), *(
+        ",".join(_cell(row[n]) for n in names) for row in table["rows"])]), encoding="utf-8")
+    bad.write_bytes(b"\x80\x04\x95 not a table")
+    opened(tab, service)
+    tab.get_by_role("link", name="Measurements").click()
+    tab.get_by_role("tab", name="Upload").click()
+    tab.locator('input[type="file"]').first.set_input_files(bad)
+    settled(tab)
+    press(tab, "Upload and fit")
+    tab.locator(ERROR).filter(has_text="uploaded table outcomes").first.wait_for()
+    shoot(tab, "refused-upload")
+    tab.locator('input[type="file"]').first.set_input_files(good)
+    settled(tab)
+    press(tab, "Upload and fit")
+    tab.get_by_text("is ready").first.wait_for()
+    settled(tab)
+    press(tab, "Use it")
+    tab.wait_for_url("**campaign=*")
+    settled(tab)
+    shoot(tab, "uploaded")
+    tab.get_by_role("link", name="Design").click()
+    tab.get_by_text("uploaded by a user").first.wait_for()
+    tab.get_by_role("link", name="Measurements").click()
+    press(tab, "Delete it")
+    tab.get_by_text("tracked with the service").first.wait_for()
+
+
+def _cell(value) -> str:
+    """A value as the tables' CSV twins have it."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    text = value if isinstance(value, str) else json.dumps(value)
+    return '"' + text.replace('"', '""') + '"' if isinstance(value, str | list) else text
+
+
+def test_measured_angle_is_typed_and_learnt_from(tab, service):
+    index = f"{asked(service, '', path='/model')['deformation_index_range'][1]:.3f}"
+    opened(tab, service)
+    tab.get_by_role("link", name="Measurements").click()
+    tab.locator('[data-testid="stDataFrame"] canvas').first.wait_for()
+    settled(tab)
+    grid = tab.locator('[data-testid="stDataFrame"]').first
+    grid.click(position={"x": 60, "y": 52})  # the empty row below the titles begins one
+    tab.locator("input.gdg-input").wait_for()
+    for value in ("7", "16", "8", index, "7.5", "3.2"):
+        tab.keyboard.type(value)
+        tab.wait_for_timeout(500)
+        tab.keyboard.press("Tab")
+        settled(tab)
+    shoot(tab, "measurements")
+    press(tab, "Fit with these angles")
+    tab.get_by_text("is ready").first.wait_for()
+    settled(tab)
+    press(tab, "Use it")
+    tab.get_by_text("of them measured on devices").first.wait_for()
+    shoot(tab, "measured")
+
+
+def test_api_that_is_gone_is_said_and_comes_back(tab, service):
+    opened(tab, service)
+    service[0].stop()
+    press(tab, "Search for designs")
+    tab.locator(ERROR).filter(has_text="cannot be reached").first.wait_for()
+    shoot(tab, "api-down")
+    service[0].start()
+    service[0].wait("/api/v1/health")
+    press(tab, "Search for designs")
+    tab.get_by_role("heading", name="Ranked candidates").wait_for()

@@ -1,0 +1,272 @@
+"""Photomasks: files are opened again with their libraries and measured."""
+
+import math
+
+import ezdxf
+import gdstk
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from dldsim.config.sections import Device, Geometry
+from dldsim.design.mask import Population, draw_mask, make_layout, write_dxf, write_gds
+from dldsim.errors import DldsimError
+
+NM = 1e-3
+"""A GDSII file holds whole nanometres: a coordinate is off by half of one at most."""
+SMALL = Device(array_length_mm=1.5, array_width_mm=0.8)
+GEOMETRIES = [(7.3218, 16.345, 8), (5.0, 12.0, 4), (12.0, 22.0, 11), (6.0, 14.0, 3)]
+
+
+def layout_of(radius, gap, periodicity, device=SMALL, angles=(0.4, 4.0)):
+    geometry = Geometry(pillar_radius_um=radius, gap_um=gap, periodicity=periodicity)
+    cells = [Population(f"cell {i}", 7.5, a, 0.5) for i, a in enumerate(angles, 1)]
+    return make_layout(geometry, device, cells, "a-design-01")
+
+
+@pytest.fixture(scope="module", params=GEOMETRIES, ids=str)
+def made(request, tmp_path_factory):
+    """Requested geometry, GDSII cell at the top, DXF document."""
+    layout = layout_of(*request.param)
+    gds, dxf = (tmp_path_factory.mktemp("mask") / f"d.{e}" for e in ("gds", "dxf"))
+    write_gds(layout, gds)
+    write_dxf(layout, dxf)
+    library = gdstk.read_gds(gds)
+    assert (library.unit, library.precision) == (1e-6, 1e-9)
+    [top] = library.top_level()
+    return request.param, top, ezdxf.readfile(dxf)
+
+
+def on_layer(top, name, device=SMALL):
+    return [p.points for p in top.get_polygons(layer=getattr(device, f"layer_{name}"), datatype=0)]
+
+
+def gds_centres(top):
+    """Centre of every pillar (n, 2), midway between its outermost corners."""
+    return np.array([(p.min(axis=0) + p.max(axis=0)) / 2 for p in on_layer(top, "pillars")])
+
+
+def dxf_circles(document):
+    inserts = document.modelspace().query("INSERT")
+    return [circle for insert in inserts for one in insert.multi_insert()
+            for circle in one.virtual_entities()]  # fmt: skip
+
+
+def measure(centres, radius):
+    """Gap, pitch along x, and shifts from row to row modulo the pitch, of pillars (n, 2)."""
+    names, row = np.unique(np.round(centres[:, 0], 1), return_inverse=True)
+    x, lowest, pitch = [], [], []
+    for i in range(len(names)):
+        y = np.sort(centres[row == i, 1])
+        x.append(centres[row == i, 0].mean())
+        lowest.append(y[0])
+        pitch.append(np.diff(y))
+    pitch = np.concatenate(pitch)
+    return pitch - 2 * radius, np.diff(x), np.diff(lowest) % pitch.mean()
+
+
+def assert_array(centres, radius, requested, tolerance):
+    wanted, gap, periodicity = requested
+    assert radius == pytest.approx(wanted, abs=tolerance)
+    gaps, pitches, shifts = measure(centres, radius)
+    np.testing.assert_allclose(gaps, gap, atol=3 * tolerance)
+    np.testing.assert_allclose(pitches, 2 * wanted + gap, atol=3 * tolerance)
+    np.testing.assert_allclose(shifts, (2 * wanted + gap) / periodicity, atol=3 * tolerance)
+
+
+def test_gds_has_the_requested_pillars(made):
+    requested, top, _ = made
+    for polygon in on_layer(top, "pillars"):
+        distance = np.linalg.norm(polygon - (polygon.min(axis=0) + polygon.max(axis=0)) / 2, axis=1)
+        # corners on the circle, sides within the facet tolerance inside it
+        assert distance.max() == pytest.approx(requested[0], abs=2 * NM)
+        middle = (polygon + np.roll(polygon, 1, axis=0)) / 2
+        inner = np.linalg.norm(middle - middle.mean(axis=0), axis=1).min()
+        assert inner >= requested[0] - SMALL.facet_tolerance_um - 2 * NM
+    width = np.mean([np.ptp(p[:, 0]) for p in on_layer(top, "pillars")])
+    assert_array(gds_centres(top), width / 2, requested, SMALL.facet_tolerance_um)
+
+
+def test_dxf_has_the_same_pillars_as_true_circles(made):
+    requested, top, document = made
+    circles = dxf_circles(document)
+    assert {c.dxftype() for c in circles} == {"CIRCLE"}
+    assert {c.dxf.radius for c in circles} == {round(requested[0], 3)}
+    centres = np.array([(c.dxf.center.x, c.dxf.center.y) for c in circles])
+    assert_array(centres, circles[0].dxf.radius, requested, NM)
+    distance, other = cKDTree(gds_centres(top)).query(centres)
+    assert distance.max() < 2 * NM and len(set(other)) == len(centres) == len(gds_centres(top))
+
+
+def test_dxf_names_unit_and_layers(made):
+    _, _, document = made
+    assert document.header["$INSUNITS"] == 13  # micrometres
+    assert not document.audit().errors
+    used = {e.dxf.layer for e in document.modelspace()}
+    assert used == {"CHANNEL", "PILLARS", "ALIGNMENT", "LABEL", "DOCUMENTATION"}
+    assert used <= {layer.dxf.name for layer in document.layers}
+
+
+def test_pillars_are_apart_and_inside_the_channel(made):
+    (radius, gap, _), top, _ = made
+    centres = gds_centres(top)
+    nearest = cKDTree(centres).query(centres, k=2)[0][:, 1]
+    assert nearest.min() >= 2 * radius + gap - 3 * NM
+    [channel] = on_layer(top, "channel")
+    corners = np.concatenate(on_layer(top, "pillars"))
+    assert all(gdstk.inside(corners, gdstk.Polygon(channel)))
+    assert corners[:, 0].min() > 0 and corners[:, 0].max() < 1500
+
+
+def test_gaps_at_the_side_walls(made):
+    (radius, gap, periodicity), top, _ = made
+    centres = gds_centres(top)
+    least, most = SMALL.wall_gap_fraction * gap, SMALL.wall_gap_fraction * gap + 2 * radius + gap
+    expected = layout_of(radius, gap, periodicity).expected()
+    found = []
+    for x in np.unique(np.round(centres[:, 0], 2)):
+        y = centres[np.abs(centres[:, 0] - x) < 0.1, 1]
+        found += [y.min() - radius, 800 - y.max() - radius]
+    assert least - 2 * NM <= min(found) and max(found) <= most + 2 * NM
+    assert expected["wall_gap_min_um"] == pytest.approx(min(found), abs=3 * NM)
+    assert expected["wall_gap_max_um"] == pytest.approx(max(found), abs=3 * NM)
+    assert expected["pillars"] == len(centres)
+
+
+def test_one_pillar_cell_is_repeated(made, tmp_path):
+    (radius, gap, periodicity), top, _ = made
+    cells = {c.name: c for c in top.dependencies(True)}
+    assert len(cells["PILLAR"].polygons) == 1
+    assert all(not c.polygons for name, c in cells.items() if name != "PILLAR")
+    [periods] = [r for r in top.references if r.cell.name == "PERIOD"]
+    assert periods.repetition.columns == math.floor(1500 / (2 * radius + gap)) // periodicity
+
+
+def test_three_streams_enter_and_two_leave(made):
+    requested, top, _ = made
+    [channel] = on_layer(top, "channel")
+    layout = layout_of(*requested)
+    inlet, outlet = (-500.0, layout.length_um + 500)
+    # from wall to wall across the inlet: fluid, wall, sample, wall, fluid
+    across = [(inlet, y) for y in (100, 400 - 45, 400, 400 + 45, 700)]
+    assert gdstk.inside(across, gdstk.Polygon(channel)) == (True, False, True, False, True)
+    split = layout.split_um
+    across = [(outlet, y) for y in (split - 30, split, split + 30)]
+    assert gdstk.inside(across, gdstk.Polygon(channel)) == (True, False, True)
+    assert not any(gdstk.inside([(700, -1), (700, 801)], gdstk.Polygon(channel)))
+
+
+def test_label_names_the_design(made):
+    (radius, gap, periodicity), top, document = made
+    for texts in ([label.text for label in top.labels],
+                  [t.dxf.text for t in document.modelspace().query("TEXT")]):  # fmt: skip
+        text = " ".join(texts)
+        for part in ("a-design-01", f"P_r {radius:.3f}", f"P_g {gap:.3f}", f"N_p {periodicity}",
+                     f"eps 1/{periodicity}", "cell 1: 0.40 deg", "cell 2: 4.00 deg"):  # fmt: skip
+            assert part in text
+    assert len(on_layer(top, "label")) > 20 and len(on_layer(top, "alignment")) == 4
+
+
+def test_expected_exits_follow_from_the_angles():
+    layout = layout_of(6, 14, 8, Device(array_length_mm=4.0), angles=(-0.5, 7.0))
+    length = layout.length_um
+    assert length == math.floor(4000 / 26) * 26
+    expected = layout.expected()
+    first, second = expected["populations"]
+    for exit_, angle, mode in ((first, -0.5, "zigzag"), (second, 7.0, "bump")):
+        assert exit_["exit_um"] == pytest.approx(400 + length * math.tan(math.radians(angle)))
+        assert exit_["mode"] == mode
+        half = length * (math.tan(math.radians(angle + 0.5)) - math.tan(math.radians(angle)))
+        assert exit_["exit_highest_um"] - exit_["exit_um"] == pytest.approx(half)
+    apart = second["exit_um"] - first["exit_um"]
+    assert expected["separation_at_exit_um"] == pytest.approx(apart)
+    assert expected["free_distance_between_streams_um"] == pytest.approx(apart - 60 - 15)
+    assert first["exit_um"] < expected["outlet_split_um"] < second["exit_um"]
+    # drawn where they are listed
+    ends = [path[-1] for path in layout.paths]
+    np.testing.assert_allclose(ends, [(length, p["exit_um"]) for p in expected["populations"]])
+
+
+def test_an_unknown_error_gives_no_range():
+    geometry = Geometry(pillar_radius_um=6, gap_um=14, periodicity=8)
+    cells = [Population("a", 7.5, 1.0), Population("b", 7.5, 5.0)]
+    for exit_ in make_layout(geometry, Device(), cells, "d").expected()["populations"]:
+        assert exit_["exit_lowest_um"] is exit_["exit_highest_um"] is None
+
+
+def test_notes_say_what_a_user_must_know():
+    def notes(angles, **device):
+        return " ".join(layout_of(6, 14, 8, Device(**device), angles).expected()["notes"])
+
+    assert "An array of" not in notes((0, 7)) and "wall after" not in notes((0, 7))
+    below = notes((3.0, 3.1))  # 9 µm at the exit
+    assert "less than a cell diameter (15.0 µm): no outlet can divide them" in below
+    parted = float(below.split("An array of ")[1].split(" mm")[0])
+    low, high = np.tan(np.radians([3.0, 3.1]))
+    assert parted == pytest.approx(0.075 / (high - low), rel=0.01)
+    assert "overlap by" in notes((3.0, 3.5))
+    same = notes((3.0, 3.0))
+    assert "no outlet" in same and "An array of" not in same
+    assert "reaches a side wall after 4.17 mm" in notes((0, 7), array_width_mm=0.92)
+    assert "within 3 pitches of a side wall" in notes((0, 7), sample_position_mm=0.07)
+
+
+def test_equal_layouts_give_equal_gds(tmp_path):
+    for name in "ab":
+        write_gds(layout_of(6, 14, 4), tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_rows_that_are_whole_periods(tmp_path):
+    device = Device(array_length_mm=0.026 * 16, array_width_mm=0.8)
+    write_gds(layout_of(6, 14, 8, device), tmp_path / "d.gds")
+    [top] = gdstk.read_gds(tmp_path / "d.gds").top_level()
+    assert len(np.unique(np.round(gds_centres(top)[:, 0], 2))) == 16
+    assert "LAST_ROWS" not in {c.name for c in top.dependencies(True)}
+
+
+def test_facets_follow_the_tolerance(tmp_path):
+    corners = []
+    for tolerance in (0.1, 0.01):
+        device = SMALL.model_copy(update={"facet_tolerance_um": tolerance})
+        write_gds(layout_of(10, 20, 4, device), tmp_path / "d.gds")
+        [top] = gdstk.read_gds(tmp_path / "d.gds").top_level()
+        n = len(on_layer(top, "pillars")[0])
+        assert (
+            10 * (1 - math.cos(math.pi / n)) <= tolerance < 10 * (1 - math.cos(math.pi / (n - 4)))
+        )
+        corners.append(n)
+    assert corners[0] < corners[1]
+
+
+def test_picture_shows_the_file(tmp_path):
+    write_gds(layout_of(10, 20, 4), tmp_path / "d.gds")
+    figure = draw_mask(tmp_path / "d.gds", SMALL)
+    device, detail = figure.axes
+    assert len(device.collections[1].get_paths()) == layout_of(10, 20, 4).expected()["pillars"]
+    assert detail.get_ylim()[0] < 400 < detail.get_ylim()[1]
+
+
+@pytest.mark.parametrize(
+    ("device", "message"),
+    [
+        ({"array_length_mm": 0.1}, "array_length_mm = 0.1 holds 3 rows.*one period of 8.*0.208 mm"),
+        ({"array_width_mm": 0.08, "sample_position_mm": 0.04, "sample_width_um": 10,
+          "divider_um": 5}, "array_width_mm = 0.08 holds 2 pillars"),
+    ],
+)  # fmt: skip
+def test_a_device_too_small_is_refused(device, message):
+    with pytest.raises(DldsimError, match=message):
+        layout_of(6, 14, 8, Device(**device))
+
+
+@pytest.mark.parametrize(
+    ("device", "message"),
+    [
+        ({"sample_position_mm": 0.05}, "sample_position_mm between 0.06 and 1.94"),
+        ({"layer_label": 1}, "another number"),
+    ],
+)
+def test_a_device_that_contradicts_itself_is_refused(device, message):
+    with pytest.raises(ValueError, match=message):
+        Device(**device)

@@ -1,0 +1,81 @@
+"""When a design counts as separating: from all releases, and at a finer setting as well."""
+
+import math
+
+import pytest
+
+from dldsim.config.sections import Geometry, Numerics
+from dldsim.design.verification import _design_verdict, parts, separated
+from dldsim.solver.pillars import next_finer, whole_shift_spacing
+
+
+def pair(first, second, spread=0.1, status="decided", spacing_um=1.1, lag=0.15):
+    return [{"migration_angle_deg": angle, "angle_spread_deg": spread, "status": status,
+             "angle_low_deg": angle and angle - 0.2, "angle_high_deg": angle and angle + 0.2,
+             "stop_reason": "why", "spacing_um": spacing_um, "lag_number": lag}
+            for angle in (first, second)]  # fmt: skip
+
+
+def verdict(found, sigma, finer):
+    first, second = (row["migration_angle_deg"] for row in found)
+    difference = {"simulated_deg": second - first, "sigma_num_deg": sigma,
+                  "predicted_deg": 2.0, "verdict": "predicted so", "note": ""}  # fmt: skip
+    return _design_verdict(difference, found, finer, separated(found, sigma, finer))
+
+
+def test_parting_needs_two_sigma_and_more_than_the_releases_spread():
+    assert parts(pair(1.0, 3.0), 0.5) is True
+    assert parts(pair(1.0, 3.0), 1.1) is False
+    assert parts(pair(1.0, 3.0, spread=1.1), 0.5) is False
+    assert parts(pair(1.0, 3.0), None) is None
+
+
+@pytest.mark.parametrize("status", ["coexisting", "stuck", "failed"])
+def test_only_decided_outcomes_part(status):
+    assert parts(pair(1.0, 3.0, status=status), 0.1) is False
+
+
+def test_of_undecided_outcomes_the_bounds_decide():
+    # Their σ_num spans the modes and says nothing.
+    assert parts(pair(1.0, 3.0, status="undecided"), 5.0) is True
+    assert parts(pair(1.0, 1.3, status="undecided"), 5.0) is None
+    assert separated(pair(1.0, 1.3, status="undecided"), 5.0, None) is None
+    assert separated(pair(1.0, 3.0), 0.5, pair(1.0, 1.3, status="undecided")) is None
+    words = verdict(pair(1.0, 1.3, status="undecided"), 5.0, None)
+    assert words.startswith("open, 0.30°: cell type 1 is undecided and cell type 2 is undecided")
+
+
+def test_no_angle_parts_nothing():
+    assert parts(pair(1.0, None), 0.1) is False
+
+
+def test_separating_needs_the_finer_setting_in_the_same_order():
+    found = pair(1.0, 5.0)
+    assert separated(found, 0.5, pair(0.9, 5.2)) is True
+    assert separated(found, 0.5, pair(5.2, 5.3)) is False
+    assert separated(found, 0.5, pair(5.2, 0.9)) is False
+    assert separated(found, 0.5, None) is None
+    assert separated(pair(1.0, 1.1), 0.5, None) is False
+
+
+def test_the_verdict_says_which_settings_agreed():
+    finer = pair(0.9, 5.2, spacing_um=0.85, lag=0.07)
+    words = verdict(pair(1.0, 5.0), 0.5, finer)
+    assert words.startswith("separates by 4.00 ± 0.50°, 4.30° at spacing 0.85 µm and Re 0.07")
+    assert verdict(pair(1.0, 5.0), 0.5, None).startswith(
+        "separates by 4.00 ± 0.50° at this setting; not confirmed at a finer one")
+    finer = pair(5.2, 5.3, spacing_um=0.85, lag=0.07)
+    assert verdict(pair(1.0, 5.0), 0.5, finer).startswith("does not separate: 4.00° but 0.10°")
+    assert "spread of the releases" in verdict(pair(1.0, 3.0, spread=1.1), 0.5, None)
+    assert "cell type 1 is coexisting" in verdict(pair(1.0, 3.0, status="coexisting"), 0.5, None)
+
+
+@pytest.mark.parametrize(("radius", "gap", "periodicity"), [(8, 18, 10), (5, 12, 4), (7, 14, 12)])
+def test_the_finer_lattice_is_the_next_one_at_half_the_reynolds_number(radius, gap, periodicity):
+    geometry = Geometry(pillar_radius_um=radius, gap_um=gap, periodicity=periodicity)
+    coarse = Numerics()
+    spacing, nodes = whole_shift_spacing(geometry, coarse.spacing_um)
+    fine = next_finer(geometry, coarse)
+    finer, more = whole_shift_spacing(geometry, fine.spacing_um)
+    assert more == nodes + 1 and math.isclose(finer * more, spacing * nodes)
+    assert fine.reynolds_max == coarse.reynolds_max / 2

@@ -1,0 +1,383 @@
+"""Laws of the verification: what is simulated, compared, learnt from, and when it ends."""
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config.sections import Verification as Budget
+from dldsim.design.verification import (
+    Population,
+    Scene,
+    Simulator,
+    conditions,
+    make_populations,
+    plain,
+    stiffness_at,
+    verify,
+)
+from dldsim.errors import DldsimError
+from dldsim.experiments import array_run
+from dldsim.experiments.migration import mode_of
+from dldsim.tables.parquet import COLUMNS, write_table
+from tests.design.test_search import CHIP, Known, ask
+from tests.experiments.test_vtk import SOFT
+
+OUTCOMES = pd.DataFrame({
+    "outcome_id": ["r1", "r2"], "pillar_radius_um": [5.0, 9.0], "gap_um": [14.0, 20.0],
+    "periodicity": [4, 12], "migration_angle_deg": [1.0, 2.0], "deformation_index": [0.5, 0.8],
+})
+REQUEST = ask(trials=25, startup_trials=10, height_tolerance_um=1.0)
+PEOPLE = [Population(i, f"test-{i}", index, 0.0, 7.5, SOFT, "by hand")
+          for i, index in ((1, 0.5), (2, 0.8))]  # fmt: skip
+
+
+def summit(r, g, n, d, cell):
+    """Best at the thickest pillar: up to 4.5° of difference."""
+    return 3 * d * (r - 5)
+
+
+def flat(r, g, n, d, cell):
+    return 3 * d + 0 * r
+
+
+class Nature:
+    """Answers as a formula does, at every setting, and counts the outcomes."""
+
+    def __init__(self, angle, sigma=0.05, status="decided"):
+        self.angle, self.sigma, self.status, self.asked = angle, sigma, status, []
+
+    def __call__(self, geometry, population, height_um, finer=False):
+        self.asked.append((geometry, population.number, height_um))
+        angle = float(self.angle(geometry.pillar_radius_um, geometry.gap_um, geometry.periodicity,
+                                 population.deformation_index, population.radius_um))
+        angle += 0.1 * (height_um - 20.0) * population.number
+        known = self.status not in ("stuck", "failed")
+        return {
+            "outcome_id": f"outcome-{len(self.asked)}", **geometry.model_dump(),
+            "migration_angle_deg": angle if known else None,
+            "deformation_index": population.deformation_index,
+            "sigma_num_deg": self.sigma if known else None,
+            "mode": mode_of(angle, geometry.row_shift_fraction) if known else "none",
+            "status": self.status, "stop_reason": "why", "wall_time_s": 2.0,
+            "angle_spread_deg": 0.0, "spacing_um": 0.9 if finer else 1.25, "lag_number": 0.1,
+        }  # fmt: skip
+
+
+def check(surrogate, nature, fit=None, request=REQUEST, chip=CHIP, **budget):
+    none = {"height_runs": False, "transition_geometries": 0, "finer_designs": 0}
+    budget = Budget(**(none | budget))
+    learnt = fit or (lambda outcomes, seed: surrogate)
+    return verify(surrogate, OUTCOMES, request, chip, budget, PEOPLE, nature, 1, fit=learnt)
+
+
+def differences(verdicts):
+    return verdicts.verifications[verdicts.verifications["population"] == "difference"]
+
+
+def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
+    verdicts = check(Known(summit), Nature(summit), designs_per_round=2, rounds=5, finer_designs=1)
+    table = differences(verdicts)
+    assert table["role"].tolist() == ["design", "design", "finer"]
+    assert table["round"].tolist() == [1] * 3
+    assert table["agrees"].tolist() == [True, True, None]  # the surrogate had learnt from it
+    best = verdicts.designs.iloc[0]
+    assert best["separation_finer_deg"] == pytest.approx(best["separation_deg"])
+    assert pd.isna(verdicts.designs["separates"].iloc[1])  # only the best was confirmed
+    assert best["stopped"] == "round 1: predictions confirmed"
+    assert best["separates"] and "separates by" in best["verdict"]
+    assert "prediction confirmed" in best["verdict"]
+    at_setting = verdicts.verifications.query("role == 'design'")
+    rows = at_setting.set_index(["array", "population"])
+    for array in (1, 2):
+        assert rows["simulated_deg"][array, "difference"] == pytest.approx(
+            rows["simulated_deg"][array, "2"] - rows["simulated_deg"][array, "1"])
+        assert rows["sigma_num_deg"][array, "difference"] == pytest.approx(0.05 * math.sqrt(2))
+    assert verdicts.designs["separation_deg"].is_monotonic_decreasing
+
+
+def test_a_missed_prediction_is_learnt_from():
+    """Nature knows no summit there; the refitted surrogate does not either."""
+    seen = []
+
+    def other(r, g, n, d, cell):
+        return 3 * d * (20 - g)
+
+    def fit(outcomes, seed):
+        seen.append(len(outcomes))
+        return Known(other)
+
+    nature = Nature(other)
+    verdicts = check(Known(summit), nature, fit, designs_per_round=1, rounds=4)
+    table = differences(verdicts)
+    assert table["agrees"].tolist() == [False, True]
+    assert table["verdict"].iloc[0].startswith("prediction missed by")
+    assert table["gap_um"].iloc[1] < 15  # where the refitted surrogate looks
+    assert seen == [len(OUTCOMES) + 2, len(OUTCOMES) + 4]
+    assert set(verdicts.outcomes["outcome_id"]) == {"r1", "r2", *verdicts.rows}
+    assert verdicts.designs["round"].iloc[0] == 2
+
+
+def test_candidates_simulated_before_end_the_rounds():
+    """A surrogate that learns nothing proposes the same arrays again."""
+    request = ask(sampler="grid", grid_steps=5)
+    verdicts = check(Known(summit), Nature(flat), request=request, designs_per_round=1, rounds=3)
+    assert len(differences(verdicts)) == 1
+    assert "have been simulated before" in verdicts.designs["stopped"].iloc[0]
+
+
+def test_budget_is_never_exceeded():
+    nature = Nature(flat)
+    verdicts = check(Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5,
+                    height_runs=True)
+    assert len(nature.asked) == 4
+    assert verdicts.designs["stopped"].iloc[0] == "round 1: budget of 5 outcomes spent"
+
+
+def test_a_wide_interval_confirms_nothing_and_the_rounds_go_on():
+    vague = Known(summit, half=20.0)
+    verdicts = check(vague, Nature(summit), rounds=2, designs_per_round=1)
+    table = differences(verdicts)
+    assert table["agrees"].tolist() == [True, True]
+    assert table["verdict"].str.contains("left the order open").all()
+    assert verdicts.designs["stopped"].iloc[0] == "2 rounds done"
+
+
+def test_a_separation_within_the_numerical_uncertainty_is_none():
+    verdicts = check(Known(summit), Nature(lambda r, g, n, d, cell: 0.2 * d, sigma=0.5), rounds=1,
+                    designs_per_round=1)
+    best = verdicts.designs.iloc[0]
+    assert not best["separates"] and best["verdict"].startswith("does not separate")
+    unknown = check(Known(summit), Nature(summit, sigma=None), rounds=1, designs_per_round=1)
+    best = unknown.designs.iloc[0]
+    assert best["separates"] is None and "not studied" in best["verdict"]
+
+
+def test_a_cell_that_clogs_is_a_result():
+    verdicts = check(Known(summit), Nature(summit, status="stuck"), rounds=1, designs_per_round=1,
+                    height_runs=True)
+    table = differences(verdicts)
+    assert table["agrees"].tolist() == [None]
+    best = verdicts.designs.iloc[0]
+    assert best["verdict"] == "no separation measured: why" and pd.isna(best["length_mm"])
+
+
+def test_a_run_that_cannot_start_is_told_and_not_learnt_from():
+    def refuse(geometry, population, height_um, finer=False):
+        raise DldsimError("the cell does not fit")
+
+    verdicts = check(Known(summit), refuse, rounds=1, designs_per_round=1)
+    assert verdicts.designs["verdict"].iloc[0] == "no separation measured: the cell does not fit"
+    assert len(verdicts.outcomes) == len(OUTCOMES)
+
+
+def test_nothing_is_compared_outside_the_training_geometries():
+    outside = Known(summit, outside=lambda r, g, n: 1.0)
+    verdicts = check(outside, Nature(flat), rounds=1, designs_per_round=1)
+    assert verdicts.verifications["agrees"].isna().all()
+    assert verdicts.verifications["verdict"].str.startswith("not compared").all()
+
+
+def test_the_opposite_order_is_told():
+    verdicts = check(Known(summit), Nature(lambda r, g, n, d, cell: -3 * d * (r - 5)), rounds=1,
+                    designs_per_round=1)
+    assert "in the opposite order" in verdicts.designs["verdict"].iloc[0]
+    assert (verdicts.designs["separation_deg"] > 0).all()
+
+
+def test_the_best_design_is_simulated_at_both_heights():
+    """The formula moves cell 1 by 0.1° and cell 2 by 0.2° for each µm of height."""
+    nature = Nature(summit)
+    verdicts = check(Known(summit), nature, rounds=1, designs_per_round=2, height_runs=True)
+    best = verdicts.designs.iloc[0]
+    assert best["separation_low_height_deg"] == pytest.approx(best["separation_deg"] - 0.1)
+    assert best["separation_high_height_deg"] == pytest.approx(best["separation_deg"] + 0.1)
+    heights = verdicts.verifications[verdicts.verifications["role"] == "height"]
+    assert sorted(set(heights["height_um"])) == [19.0, 21.0]
+    assert heights["agrees"].isna().all()  # nothing was predicted for another height
+    assert len(verdicts.outcomes) == len(OUTCOMES) + 4  # runs of another height are not learnt from
+    assert verdicts.designs["separation_low_height_deg"].iloc[1:].isna().all()
+
+
+def test_runs_near_a_transition_are_learnt_from_but_are_no_designs():
+    def ramp(r, g, n, d, cell):
+        return np.degrees(np.arctan(np.clip((r - 5) / 4 * d, 0, 1) / n))
+
+    nature = Nature(ramp)
+    verdicts = check(Known(ramp), nature, rounds=1, designs_per_round=1, transition_geometries=2)
+    roles = differences(verdicts)["role"].tolist()
+    assert roles == ["design", "transition", "transition"]
+    assert len(verdicts.designs) == 1 and len(verdicts.outcomes) == len(OUTCOMES) + 6
+
+
+def test_pressure_and_length_of_a_design_by_hand():
+    def resistance(geometry):
+        return {"permeability_over_pitch2": 0.01, "drag_over_mu_U": 100.0}
+
+    budget = Budget(rounds=1, designs_per_round=1, transition_geometries=0, height_runs=False,
+                    finer_designs=0)
+    verdicts = verify(Known(summit), OUTCOMES, REQUEST, CHIP, budget, PEOPLE, Nature(summit), 1,
+                     fit=lambda outcomes, seed: Known(summit), resistance=resistance)  # fmt: skip
+    best = verdicts.designs.iloc[0]
+    slopes = np.tan(np.radians([best["angle_1_deg"], best["angle_2_deg"]]))
+    assert best["length_mm"] == pytest.approx(0.1 / (slopes[1] - slopes[0]))
+    pitch = 2 * best["pillar_radius_um"] + best["gap_um"]
+    assert best["pressure_drop_kPa"] == pytest.approx(
+        100 * 1.5 * 0.5 * best["length_mm"] / pitch**2)
+    assert best["permeability_over_pitch2"] == 0.01
+
+
+def test_tables_can_be_written(tmp_path):
+    """Of a confirmed, a missed and a stuck design, null where nothing was measured."""
+    for i, nature in enumerate((Nature(summit), Nature(flat), Nature(summit, status="stuck"))):
+        verdicts = check(Known(summit), nature, rounds=2, height_runs=True, transition_geometries=1)
+        for kind, table in (("verifications", verdicts.verifications),
+                            ("verified_designs", verdicts.designs)):
+            write_table(kind, plain(table), tmp_path / f"{kind}{i}.parquet", {})
+
+
+# ---------------------------------------------------------------------------- cells and runs
+
+
+SETS = {
+    "soft": SOFT.model_copy(update={"ks_uN_per_m": 5.0, "kb_pN_um": 0.1}),
+    "stiff": SOFT.model_copy(update={"ks_uN_per_m": 15.0, "kb_pN_um": 0.3}),
+}
+CALIBRATION = pd.DataFrame([
+    {"design": "group-velocity", "group": g, "stiffness_set": s, "ks_uN_per_m": k, "kb_pN_um": b,
+     "kal_uN_per_m": 2 * k, "velocity_mm_s": 1.0, "deformation_index": d,
+     "deformation_index_std": 0.0}
+    for g, s, k, b, d in (("G1", "soft", 5.0, 0.1, 0.4), ("G2", "stiff", 15.0, 3.0, 0.8))
+])  # fmt: skip
+
+
+def test_a_named_set_is_simulated_as_it_is():
+    request = ask(deformation_index_1=None, stiffness_set_1="soft")
+    first, second = make_populations(request, ask(deformation_index_1=0.4), CALIBRATION, SETS)
+    assert first.stiffness == SETS["soft"] and first.basis == "stiffness set soft"
+    assert first.deformation_index == 0.4
+    # k_b is the sets', not the group's, which differs as in the source's table
+    assert second.stiffness == SETS["stiff"] and "inverse of the calibration" in second.basis
+
+
+def test_a_deformation_index_between_sets_is_interpolated():
+    [_, cell] = make_populations(ask(), ask(deformation_index_2=0.6), CALIBRATION, SETS)
+    assert cell.stiffness.ks_uN_per_m == pytest.approx(10.0)
+    assert cell.stiffness.kb_pN_um == pytest.approx(0.2)
+    with pytest.raises(DldsimError, match="5 to 15"):
+        stiffness_at(16.0, SETS, "deformation_index_1")
+    with pytest.raises(DldsimError, match="calibrated range"):
+        make_populations(ask(), ask(deformation_index_2=0.85), CALIBRATION, SETS)
+
+
+SCENE = Scene(CellShape(radius_um=5.0), Flow(height_um=12.0), Numerics(),
+              RunControl(max_rows=2, release_gap_fractions=[0.5, 0.4]))
+GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
+SMALL = Population(1, "small-1", 0.5, 0.0, 4.0, SOFT, "by hand")
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """One real outcome of two releases, two rows long each."""
+    folder = tmp_path_factory.mktemp("outcomes")
+    simulator = Simulator(folder, SCENE)
+    return simulator, simulator(GEOMETRY, SMALL, 12.0)
+
+
+def test_an_outcome_has_the_radius_of_its_population(simulated):
+    simulator, row = simulated
+    assert row["cell_radius_um"] == 4.0 and row["height_um"] == 12.0
+    assert row["outcome_id"] == "r05.0_g12.0_n04_ssmall-1"
+    assert row["deformation_index"] == 0.5
+    assert (row["releases"], row["rows_total"]) == (2, 4)
+    assert set(row) == {c.name for c in COLUMNS["outcomes"]}
+    assert not (simulator.directory / row["outcome_id"]).exists()  # nothing partial is left
+
+
+def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
+    simulator, row = simulated
+
+    def forbidden(*arguments, **options):
+        raise AssertionError("simulated again")
+
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", forbidden)
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", forbidden)
+    again = Simulator(simulator.directory, SCENE)
+    assert again(GEOMETRY, SMALL, 12.0) == row
+    stiffer = SMALL._replace(stiffness=SOFT.model_copy(update={"ks_uN_per_m": 9.0}))
+    for changed in (
+        lambda: again(GEOMETRY, stiffer, 12.0),
+        lambda: again(GEOMETRY, SMALL, 13.0),
+        lambda: Simulator(simulator.directory,
+                          SCENE._replace(control=RunControl(max_rows=3)))(GEOMETRY, SMALL, 12.0),
+    ):
+        with pytest.raises(AssertionError, match="simulated again"):
+            changed()
+    (simulator.directory / f"{row['outcome_id']}.outcome.parquet").write_bytes(b"cut off")
+    with pytest.raises(AssertionError, match="simulated again"):
+        again(GEOMETRY, SMALL, 12.0)
+
+
+def test_an_interrupted_outcome_goes_on_with_its_next_release(simulated, tmp_path, monkeypatch):
+    _, row = simulated
+    simulate, places = array_run.simulate_run, []
+
+    def stop(*sections, **options):
+        places.append(sections[2].release_gap_fraction)
+        if places == [0.5, 0.4]:
+            raise KeyboardInterrupt
+        return simulate(*sections, **options)
+
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", stop)
+    simulator = Simulator(tmp_path, SCENE)
+    with pytest.raises(KeyboardInterrupt):
+        simulator(GEOMETRY, SMALL, 12.0)
+    again = simulator(GEOMETRY, SMALL, 12.0)
+    assert places == [0.5, 0.4, 0.4]
+    assert again["angle_high_deg"] == row["angle_high_deg"] and again["steps"] == row["steps"]
+    assert simulator.passage(again).shapes.cell_radius_um == 4.0
+
+
+def test_recorded_shapes_belong_to_the_first_release(simulated):
+    simulator, row = simulated
+    passage = simulator.passage(row)
+    assert set(passage.trajectory["run_id"]) == {f"{row['outcome_id']}_y0.50"}
+    assert passage.shapes.departure_um(passage.trajectory) == 0
+    assert passage.shapes.cell_radius_um == 4.0
+
+
+def test_another_height_is_another_run():
+    simulator = Simulator("nowhere", SCENE)
+    assert simulator.name(GEOMETRY, SMALL, 12.0) == "r05.0_g12.0_n04_ssmall-1"
+    assert simulator.name(GEOMETRY, SMALL, 11.5) == "r05.0_g12.0_n04_ssmall-1-h11500"
+
+
+def test_flow_of_a_design_is_kept(simulated, monkeypatch):
+    simulator, _ = simulated
+    row = simulator.resistance(GEOMETRY)
+    assert row["drag_over_mu_U"] > 0 and row["permeability_over_pitch2"] > 0
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", None)
+    assert Simulator(simulator.directory, SCENE).resistance(GEOMETRY) == row
+
+
+def test_outcomes_of_other_conditions_are_refused():
+    runs = pd.DataFrame({"cell_shape": ["biconcave"], "height_um": [15.0],
+                         "mean_velocity_mm_s": [0.5]})
+    with pytest.raises(DldsimError, match="height_um = 15.0, the configuration has 12.0"):
+        conditions(runs, SCENE)
+    with pytest.raises(DldsimError, match="lacks the column height_um"):
+        conditions(runs.drop(columns="height_um"), SCENE)
+
+
+def test_plain_rows():
+    table = pd.DataFrame({"a": [np.float64(1.5), np.nan], "b": [True, None], "c": [None, "x"]})
+    assert plain(table) == [{"a": 1.5, "b": True, "c": None}, {"a": None, "b": None, "c": "x"}]
+    json.dumps(plain(table))
+
+
+def test_stiffness_keeps_every_modulus():
+    assert stiffness_at(5.0, SETS, "x") == SETS["soft"]
+    assert set(Stiffness.model_fields) == set(stiffness_at(8.0, SETS, "x").model_dump())
