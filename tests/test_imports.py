@@ -1,6 +1,7 @@
-"""Who may import whom: the floors of the package and the weight of each."""
+"""Who may import whom: the floors of the package and the weight of each module."""
 
 import ast
+import graphlib
 from pathlib import Path
 
 import pytest
@@ -8,89 +9,188 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "dldsim"
 
 FLOORS = [
-    {"errors", "_numba"},
-    {"config", "tables", "units", "campaign", "mesh", "trajectory", "reference", "uncertainty",
-     "accuracy", "spot_check"},
-    {"lattice", "geometry", "membrane", "finite_element", "coupling", "mirror"},
-    {"flow", "cellflow", "reference_study"},
-    {"stability"},
-    {"simulation", "constriction"},
-    {"shear", "drag", "stability_sweep", "validation", "validation_fluid", "validation_membrane",
-     "validation_cell", "validation_scenes", "vtk"},
-    {"statistics", "calibration", "regressors", "surrogate", "sensitivity", "design", "mask"},
-    {"figures", "analysis_figures", "validation_figures", "stability_figures", "accuracy_figures",
-     "design_figures", "report", "movie"},
-    {"export", "design_report"},
-    {"jobs"},
-    {"verification", "reference_jobs"},
-    {"design_jobs"},
-    {"cli"},
-    {"__main__"},
+    "dldsim",
+    "dldsim.errors",
+    "dldsim.vocabulary",
+    "dldsim.config",
+    "dldsim.tables",
+    "dldsim.solver",
+    "dldsim.experiments",
+    "dldsim.analysis",
+    "dldsim.evidence",
+    "dldsim.report",
+    "dldsim.design",
+    "dldsim.app",
+    "dldsim.__main__",
 ]
-"""From the ground up; a module imports from its own floor and those below."""
+"""From the ground up: folders with all that is in them, and modules beside them.
 
-LIGHT = {"errors", "stability_sweep", "config", "campaign", "accuracy", "reference", "validation",
-         "reference_study", "spot_check", "uncertainty", "cli", "__main__"}
+A module imports from its own floor and from those before it.
+"""
+UPWARDS = {
+    ("dldsim.design.verification", "dldsim.app.jobs"):
+        "files of an outcome and of its releases are written by the jobs of the campaign",
+}  # fmt: skip
+"""Imports that break the rule, each with its reason."""
+
+LIGHT = {
+    "dldsim",
+    "dldsim.__main__",
+    "dldsim.errors",
+    "dldsim.vocabulary",
+    "dldsim.config.sections",
+    "dldsim.config.campaign",
+    "dldsim.analysis.uncertainty",
+    "dldsim.evidence.accuracy",
+    "dldsim.evidence.reference",
+    "dldsim.evidence.reference_study",
+    "dldsim.evidence.spot_check",
+    "dldsim.evidence.stability_sweep",
+    "dldsim.evidence.validation",
+    "dldsim.app.cli",
+}
 """Read by rule files and at the start of every command: no heavy import at their top."""
 HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
-         "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}
-ANALYSIS = {"statistics", "calibration", "regressors", "surrogate", "sensitivity", "design",
-            "figures", "analysis_figures", "validation_figures", "accuracy_figures", "report"}
+         "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}  # fmt: skip
+WITHOUT_KERNELS = ("dldsim.config", "dldsim.tables", "dldsim.analysis", "dldsim.report",
+                   "dldsim.design.search", "dldsim.design.mask")  # fmt: skip
 """These read tables and never touch a kernel."""
+RUNS = {"dldsim.experiments.array_run", "dldsim.experiments.constriction"}
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
 """Only inside the functions that need them."""
 
-FLOOR_OF = {name: i for i, floor in enumerate(FLOORS) for name in floor}
-MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
 
-
-def imports(module: str, top: bool) -> set[str]:
-    """Top-level packages and dldsim.X modules imported; `top`: those executed on import only."""
-    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
-    nodes = tree.body if top else ast.walk(tree)
-    found = set()
-    for node in nodes:
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            if node.module == "dldsim":
-                found |= {f"dldsim.{alias.name}" for alias in node.names}
-            else:
-                found.add(node.module)
+def sources(package: Path) -> dict[str, Path]:
+    """All modules by dotted name; a folder's own is its __init__.py."""
+    found = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
-def inside(found: set[str]) -> set[str]:
-    return {name.split(".")[1] for name in found if name.startswith("dldsim.")} & set(FLOOR_OF)
+def imports(path: Path, modules, top: bool = False) -> set[str]:
+    """Modules that a file imports, ours by their full name; `top`: those executed on import only.
+    """
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = set()
+    for node in tree.body if top else ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: a relative import"
+            for alias in node.names:
+                name = f"{node.module}.{alias.name}"
+                found.add(name if name in modules else node.module)
+    return found
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_module_has_a_floor(module):
-    assert module in FLOOR_OF, f"give dldsim/{module}.py a floor in tests/test_imports.py"
+def within(name: str, *places: str) -> bool:
+    return any(name == place or name.startswith(f"{place}.") for place in places)
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_imports_only_what_is_below(module):
-    above = {name for name in inside(imports(module, top=False))
-             if FLOOR_OF[name] > FLOOR_OF.get(module, 0)}
-    assert not above
+def floor_of(module: str) -> str:
+    """Where a module belongs: the part of its name after `dldsim`."""
+    return ".".join(module.split(".")[:2])
+
+
+def graph(package: Path) -> dict[str, set[str]]:
+    """Which module of the package imports which, also inside functions."""
+    modules = sources(package)
+    return {name: {m for m in imports(path, modules) if within(m, "dldsim")} - {name}
+            for name, path in modules.items()}  # fmt: skip
+
+
+def unlisted(package: Path) -> set[str]:
+    """Top-level folders and modules without a floor, and floors without any module."""
+    return {floor_of(name) for name in sources(package)} ^ set(FLOORS)
+
+
+def upwards(package: Path) -> set[tuple[str, str]]:
+    """Imports from a floor above."""
+    height = {name: i for i, name in enumerate(FLOORS)}
+    return {(name, other) for name, found in graph(package).items() for other in found
+            if height[floor_of(other)] > height[floor_of(name)]}  # fmt: skip
+
+
+MODULES = sources(PACKAGE)
+KERNELS = {m for m, found in graph(PACKAGE).items() if "dldsim.solver.jit" in found}
+
+
+def test_every_folder_and_module_has_a_floor():
+    assert len(MODULES) > len(FLOORS)
+    assert not unlisted(PACKAGE), "keep FLOORS in tests/test_imports.py the list of what is there"
+
+
+def test_every_folder_is_a_package():
+    folders = {path.parent for path in MODULES.values()}
+    assert not {f for f in folders if not (f / "__init__.py").exists()}
+
+
+def test_imports_only_what_is_below():
+    """Both ways: a new import upwards is a fault, and so is an exception that nobody needs."""
+    assert upwards(PACKAGE) == set(UPWARDS)
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    graphlib.TopologicalSorter(graph(PACKAGE)).prepare()
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "fault"),
+    [
+        ("attic/old.py", "", "unlisted"),
+        ("attic.py", "", "unlisted"),
+        ("solver/deep/loop.py", "def f():\n    from dldsim.app.web import pool\n", "upwards"),
+        ("solver/loop.py", "from dldsim import app\n", "upwards"),
+        ("config/sections.py", "import dldsim.tables.parquet\n", "upwards"),
+        ("solver/mesh.py", "def f():\n    from dldsim.solver.lattice import g\n", "cycle"),
+    ],
+)
+def test_a_fault_is_found(path, text, fault, tmp_path):
+    for floor in FLOORS[3:-1]:
+        (tmp_path / "dldsim" / floor.split(".")[1]).mkdir(parents=True)
+        (tmp_path / "dldsim" / floor.split(".")[1] / "__init__.py").write_text("")
+    for name in ("__init__", "__main__", "errors", "vocabulary", "tables/parquet", "app/web"):
+        (tmp_path / "dldsim" / f"{name}.py").write_text("")
+    lattice = tmp_path / "dldsim" / "solver" / "lattice.py"
+    lattice.write_text("from dldsim.errors import E\nfrom dldsim.solver.mesh import m\n")
+    package = tmp_path / "dldsim"
+    (package / "solver" / "mesh.py").write_text("")
+    assert not unlisted(package) and not upwards(package)
+    graphlib.TopologicalSorter(graph(package)).prepare()
+    (package / path).parent.mkdir(parents=True, exist_ok=True)
+    (package / path).write_text(text)
+    assert bool(unlisted(package)) == (fault == "unlisted")
+    if fault == "upwards":
+        assert len(upwards(package)) == 1
+    if fault == "cycle":
+        with pytest.raises(graphlib.CycleError):
+            graphlib.TopologicalSorter(graph(package)).prepare()
 
 
 @pytest.mark.parametrize("module", sorted(LIGHT))
 def test_light_modules_start_light(module):
-    top = imports(module, top=True)
+    top = imports(MODULES[module], MODULES, top=True)
     assert not {name.split(".")[0] for name in top} & HEAVY
-    assert inside(top) <= LIGHT
+    assert {name for name in top if within(name, "dldsim")} <= LIGHT
 
 
-@pytest.mark.parametrize("module", sorted(ANALYSIS & set(MODULES)))
-def test_analysis_does_without_kernels(module):
-    kernels = {m for m in MODULES if "dldsim.solver.jit" in imports(m, top=False)} | FLOORS[5]
-    found = imports(module, top=False)
-    assert "numba" not in found
-    assert not inside(found) & kernels
+@pytest.mark.parametrize("module", sorted(m for m in MODULES if within(m, *WITHOUT_KERNELS)))
+def test_tables_are_read_without_kernels(module):
+    assert KERNELS and RUNS <= set(MODULES)
+    found = imports(MODULES[module], MODULES)
+    assert not found & (KERNELS | RUNS | {"dldsim.solver.jit", "numba"})
 
 
-@pytest.mark.parametrize("module", sorted(set(MODULES)))
+@pytest.mark.parametrize("module", sorted(MODULES))
 def test_slow_packages_are_imported_where_used(module):
-    assert not {name.split(".")[0] for name in imports(module, top=True)} & SLOW
+    top = imports(MODULES[module], MODULES, top=True)
+    assert not {name.split(".")[0] for name in top} & SLOW
+
+
+@pytest.mark.parametrize("folder", [f for f in FLOORS if (PACKAGE / f.split(".")[-1]).is_dir()])
+def test_folders_hold_no_code_of_their_own(folder):
+    """A folder's __init__.py says what it is for, and names are imported from where they live."""
+    tree = ast.parse(MODULES[folder].read_text(encoding="utf-8"))
+    assert len(tree.body) == 1 and ast.get_docstring(tree)
