@@ -19,6 +19,7 @@ from dldsim.coupling import (
     contact_forces,
     interpolate,
     interpolate_both,
+    lag_near_surfaces,
     locate,
     make_domain,
     make_stencil,
@@ -98,10 +99,9 @@ class Body(NamedTuple):
 
     ``smooth``: running mean of the velocity on which dashpots (no-slip) or drag act; no-slip:
     ``kick`` is the force density of the step at the vertices and ``lead`` its running mean,
-    ``lasting`` that of the force; ``normal`` points outward, of any length. Of half a membrane
-    ``force``, ``drag``, ``kick``, ``lead`` and ``lasting`` are those of its computed vertices; the
-    images that follow in the others are renewed by `mirror.reflect`, in ``normal`` they are not
-    complete.
+    ``lasting`` that of the force; ``normal`` points outward, of any length; ``free`` (V,) is the
+    part of the slip that surfaces leave. Of half a membrane ``x``, ``v``, ``smooth`` and ``normal``
+    hold images too, which `mirror.reflect` renews but in ``normal``, where they are not complete.
     """
 
     x: np.ndarray
@@ -113,6 +113,7 @@ class Body(NamedTuple):
     lead: np.ndarray
     lasting: np.ndarray
     normal: np.ndarray
+    free: np.ndarray
 
 
 @jit
@@ -152,7 +153,8 @@ def advance_no_slip(
     step but for viscosity. Of a force that lasts, this lead would be a slip through the fluid, and
     its running mean is left out. Through the fluid the vertices move by ``slip`` (2, V) times the
     parts of the lasting force along the membrane and across it: MEMBRANE_SLIP over ν and a vertex's
-    area, which takes energy out of any motion. ``before``: room for populations, of which staggered momentum is damped
+    area, which takes energy out of any motion; less near surfaces (`lag_near_surfaces`).
+    ``before``: room for populations, of which staggered momentum is damped
     now and then. Dashpots act on a running mean of the velocity, of which each step replaces the
     part ``blend``.
     """
@@ -173,6 +175,7 @@ def advance_no_slip(
         interpolate_both(velocity, force, stencil, body.v, body.kick)
         if (start + step) % NORMAL_INTERVAL == 0:
             vertex_normals(scratch, body.normal)
+            lag_near_surfaces(body.x, contact, body.free)
         for i in range(body.force.shape[0]):
             along, square = 0.0, 0.0
             for d in range(3):
@@ -183,8 +186,8 @@ def advance_no_slip(
             along /= square
             for d in range(3):
                 across = along * body.normal[i, d]
-                body.v[i, d] += 0.5 * (body.kick[i, d] - body.lead[i, d])
-                body.v[i, d] += slip[0, i] * (body.lasting[i, d] - across) + slip[1, i] * across
+                slides = slip[0, i] * (body.lasting[i, d] - across) + slip[1, i] * across
+                body.v[i, d] += 0.5 * (body.kick[i, d] - body.lead[i, d]) + body.free[i] * slides
                 body.x[i, d] += body.v[i, d]
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
@@ -443,6 +446,7 @@ class CellInFlow:
         self.body = Body(
             vertices.copy(), *(np.zeros_like(vertices) for _ in range(2)),
             *(np.zeros((computed, 3)) for _ in range(5)), np.zeros_like(vertices),
+            np.zeros(computed),
         )  # fmt: skip
         self.stencil = make_stencil(computed, numerics.kernel, fluid.dtype)
         self.domain = make_domain(lattice, fluid.dtype)
