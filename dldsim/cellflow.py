@@ -19,7 +19,6 @@ from dldsim.coupling import (
     contact_forces,
     interpolate,
     interpolate_both,
-    lag_near_surfaces,
     locate,
     make_domain,
     make_stencil,
@@ -99,8 +98,7 @@ class Body(NamedTuple):
 
     ``smooth``: running mean of the velocity on which dashpots (no-slip) or drag act; no-slip:
     ``kick`` is the force density of the step at the vertices and ``lead`` its running mean,
-    ``lasting`` that of the force; ``normal`` points outward, of any length; ``free`` (V,) is the
-    part of the slip that surfaces leave. Of half a membrane ``x``, ``v``, ``smooth`` and ``normal``
+    ``lasting`` that of the force; ``normal`` points outward, of any length. Of half a membrane ``x``, ``v``, ``smooth`` and ``normal``
     hold images too, which `mirror.reflect` renews but in ``normal``, where they are not complete.
     """
 
@@ -113,7 +111,6 @@ class Body(NamedTuple):
     lead: np.ndarray
     lasting: np.ndarray
     normal: np.ndarray
-    free: np.ndarray
 
 
 @jit
@@ -153,10 +150,9 @@ def advance_no_slip(
     step but for viscosity. Of a force that lasts, this lead would be a slip through the fluid, and
     its running mean is left out. Through the fluid the vertices move by ``slip`` (2, V) times the
     parts of the lasting force along the membrane and across it: MEMBRANE_SLIP over ν and a vertex's
-    area, which takes energy out of any motion; less near surfaces (`lag_near_surfaces`).
-    ``before``: room for populations, of which staggered momentum is damped
-    now and then. Dashpots act on a running mean of the velocity, of which each step replaces the
-    part ``blend``.
+    area, which takes energy out of any motion. ``before``: room for populations, of which staggered
+    momentum is damped now and then. Dashpots act on a running mean of the velocity, of which each
+    step replaces the part ``blend``.
     """
     for step in range(steps):
         reflect(body.x, body.v, body.smooth, mirror)
@@ -175,7 +171,6 @@ def advance_no_slip(
         interpolate_both(velocity, force, stencil, body.v, body.kick)
         if (start + step) % NORMAL_INTERVAL == 0:
             vertex_normals(scratch, body.normal)
-            lag_near_surfaces(body.x, contact, body.free)
         for i in range(body.force.shape[0]):
             along, square = 0.0, 0.0
             for d in range(3):
@@ -187,7 +182,7 @@ def advance_no_slip(
             for d in range(3):
                 across = along * body.normal[i, d]
                 slides = slip[0, i] * (body.lasting[i, d] - across) + slip[1, i] * across
-                body.v[i, d] += 0.5 * (body.kick[i, d] - body.lead[i, d]) + body.free[i] * slides
+                body.v[i, d] += 0.5 * (body.kick[i, d] - body.lead[i, d]) + slides
                 body.x[i, d] += body.v[i, d]
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
@@ -446,7 +441,6 @@ class CellInFlow:
         self.body = Body(
             vertices.copy(), *(np.zeros_like(vertices) for _ in range(2)),
             *(np.zeros((computed, 3)) for _ in range(5)), np.zeros_like(vertices),
-            np.zeros(computed),
         )  # fmt: skip
         self.stencil = make_stencil(computed, numerics.kernel, fluid.dtype)
         self.domain = make_domain(lattice, fluid.dtype)

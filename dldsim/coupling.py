@@ -430,40 +430,18 @@ def contact_forces(x, contact, force):
 
 
 @jit
-def distance(x, y, z, contact):
-    """Distance of a place from the nearest surface, with sign; 1e30 without any."""
-    least = 1e30
-    if contact.pillars:
-        r, _, _ = pillar_distance(x, y, contact.pitch, contact.row_shift, contact.radius)
-        least = min(least, r)
-    if contact.channel:
-        r, _, _ = channel_distance(x, y, contact)
-        least = min(least, r)
-    if contact.plates:
-        least = min(least, z, contact.height - z)
-    return least
-
-
-@jit
 def clearance(x, contact):
     """Smallest distance of any vertex from any surface, with sign."""
     least = 1e30
     for v in range(x.shape[0]):
-        least = min(least, distance(x[v, 0], x[v, 1], x[v, 2], contact))
+        if contact.pillars:
+            r, _, _ = pillar_distance(
+                x[v, 0], x[v, 1], contact.pitch, contact.row_shift, contact.radius
+            )
+            least = min(least, r)
+        if contact.channel:
+            r, _, _ = channel_distance(x[v, 0], x[v, 1], contact)
+            least = min(least, r)
+        if contact.plates:
+            least = min(least, x[v, 2], contact.height - x[v, 2])
     return least
-
-
-@jit
-def lag_near_surfaces(x, contact, share):
-    """Part ``share`` (V,) that is left near a surface of the lag of a membrane with free fluid on
-    both sides.
-
-    A membrane at a distance of 1 − q nodes from a wall, q > 0, that moves along it shears the fluid
-    between them only. Of the force that the linear kernel spreads the wall takes what falls on
-    solid nodes, and the rest acts further away from the wall: on the mean over the places of the
-    nodes the velocity that the kernel finds lags by 1/6 − q²/2 + q⁴/12 of t/ν instead of 1/6.
-    Nearer than 0.4 nodes it leads; a membrane held back for that would gain energy, and is not.
-    """
-    for v in range(len(share)):
-        q = max(0.0, 1.0 - distance(x[v, 0], x[v, 1], x[v, 2], contact))
-        share[v] = max(0.0, 1.0 - 3.0 * q * q + 0.5 * q * q * q * q) if q < 1.0 else 0.0
