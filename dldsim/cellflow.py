@@ -98,8 +98,9 @@ class Body(NamedTuple):
 
     ``smooth``: running mean of the velocity on which dashpots (no-slip) or drag act; no-slip:
     ``kick`` is the force density of the step at the vertices and ``lead`` its running mean,
-    ``lasting`` that of the force; ``normal`` points outward, of any length. Of half a membrane ``x``, ``v``, ``smooth`` and ``normal``
-    hold images too, which `mirror.reflect` renews but in ``normal``, where they are not complete.
+    ``lasting`` that of the force; ``normal`` points outward, of any length. Of half a membrane
+    ``x``, ``v``, ``smooth`` and ``normal`` hold images too, which `mirror.reflect` renews but in
+    ``normal``, where they are not complete.
     """
 
     x: np.ndarray
