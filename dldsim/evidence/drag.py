@@ -1,11 +1,15 @@
-"""Drag on a held sphere of membrane vertices in a simple-cubic array: its hydrodynamic radius.
+"""A sphere of membrane vertices under uniform traction in a simple-cubic array: how large it acts.
 
-The vertices stand still on a sphere. Each is held by a spring and a dashpot, whose forces are
-spread to the fluid as a membrane's are, until what moves a vertex in a run vanishes: the velocity
-of the fluid and the slip of a lasting force (`time_loop.advance_no_slip`). A uniform body force
-drives the fluid, inside and outside, past the sphere and its images. The force on the sphere is
-then that on the whole box, and with the mean velocity it says which solid sphere has this drag.
+In Stokes flow a sphere with a uniform force per area moves through a fluid of the same viscosity
+inside and outside as a whole, like a solid sphere: the traction on a translating sphere is uniform.
+Its vertices here bear the forces of their areas, which are spread to the fluid as a membrane's are;
+a uniform body force balances them. Once the flow is steady, the velocities of the vertices relative
+to the mean flow say what the kernels do to a membrane, apart from any elasticity: how far they lag
+along the membrane and across it (`time_loop.MEMBRANE_SLIP`), and with the slip that offsets it,
+which solid sphere moves as fast.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -14,8 +18,7 @@ from scipy.optimize import brentq
 from dldsim.evidence.reference import read_reference
 from dldsim.solver.flow import Fluid
 from dldsim.solver.immersed_boundary import (
-    EVEN_ODD,
-    interpolate,
+    interpolate_both,
     locate,
     make_domain,
     make_stencil,
@@ -23,17 +26,27 @@ from dldsim.solver.immersed_boundary import (
 )
 from dldsim.solver.jit import jit
 from dldsim.solver.lattice import make_lattice, stream_collide, viscosity
+from dldsim.solver.membrane import make_membrane, vertex_areas
 from dldsim.solver.mesh import frequency_for_edge, icosphere
 from dldsim.solver.time_loop import MEMBRANE_SLIP
 
-BOX = 4
-"""Width of the box over the nominal radius."""
-STEPS = 4000
-"""From rest. What is left then is the motion of neighbouring vertices against each other, which the
-kernel hardly sees; doubling the steps raises the radius by 0.01 nodes."""
-SPRING, DASHPOT = 0.3, 0.7
-"""Stiffness and damping per vertex, lattice units; a tenth for kernels that feed staggered
-momentum."""
+BOX = 8
+"""Width of the box over the radius. The images make the traction that moves the sphere as a whole
+slightly uneven, which changes the lag by 0.006 nodes from a box of 6 radii to one of 8."""
+DIFFUSION_TIMES = 1.0
+"""Duration in (L/2)²/ν; the slowest mode of the box decays by π² in the exponent."""
+
+
+class Lag(NamedTuple):
+    """``radius``: that of the solid sphere that moves as fast, in nodes; ``along``, ``across``:
+    velocity that vertices lack along the membrane and across it over t/ν, t the traction's part,
+    slip left out; ``uneven``: root mean square of what these two leave of the velocities, over the
+    sphere's."""
+
+    radius: float
+    along: float
+    across: float
+    uneven: float
 
 
 def drag_over_radius(radius: float) -> float:
@@ -49,59 +62,73 @@ def drag_over_radius(radius: float) -> float:
 
 
 @jit
-def hold(
-    steps, spring, dashpot, slip, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    stencil, push, moved, vertex_velocity,
+def push_steadily(
+    steps, push, f, f_new, force, velocity, streaming, parameters, inertia, buf, stencil,
+    vertex_velocity, kick,
 ):  # fmt: skip
-    """An even number of steps of a fluid in which vertices are held.
-
-    ``push`` (V, 3): force on the fluid; ``moved`` (V, 3): way that the vertices would have gone,
-    of which ``slip`` times the force density is a part.
-    """
+    """An even number of steps of a fluid under the vertex forces ``push`` (V, 3)."""
+    force[:] = 0.0
+    spread(push, stencil, force)
     for step in range(steps):
-        force[:] = 0.0
-        spread(push, stencil, force)
         if step % 2 == 0:
             stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-        interpolate(velocity, force, slip, stencil, vertex_velocity)
-        for i in range(push.shape[0]):
-            for d in range(3):
-                moved[i, d] += vertex_velocity[i, d]
-                push[i, d] = -spring * moved[i, d] - dashpot * vertex_velocity[i, d]
+    interpolate_both(velocity, force, stencil, vertex_velocity, kick)
 
 
-def hydrodynamic_radius(
+def lag_under_traction(
     radius: float,
     *,
     kernel: str = "compact",
     relaxation_time: float = 3.0,
     edge_to_spacing: float = 1.0,
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    steps: int = STEPS,
-) -> float:
-    """Radius in nodes of the solid sphere with the drag of vertices on a sphere of ``radius``.
+    box: float = BOX,
+) -> Lag:
+    """A sphere of ``radius`` in nodes under uniform traction along x.
 
-    ``offset`` of the centre from a corner of nodes, in nodes. The nominal radius is that of the
-    vertices, not that of the volume which their faces enclose (0.02 nodes less at a mean edge of
-    one node).
+    ``offset`` of the centre from a corner of nodes, in nodes; ``box``: its width in radii.
     """
-    width, nu = round(BOX * radius), viscosity(relaxation_time)
+    width, nu = round(box * radius), viscosity(relaxation_time)
     lattice = make_lattice(np.zeros((width, width), bool), width, walls=False, dtype=np.float64)
     fluid = Fluid(lattice, relaxation_time, "trt", False, np.dtype("float64"))
-    body_force = 1e-6  # any: the fluid is linear
-    fluid.set_body_force((body_force, 0.0, 0.0))
-    vertices, _ = icosphere(frequency_for_edge(4 * np.pi * radius**2, edge_to_spacing))
-    stencil = make_stencil(len(vertices), kernel)
-    x = radius * vertices + (width // 2 + np.asarray(offset))
-    locate(x, make_domain(lattice), stencil)
-    push, moved, vertex_velocity = (np.zeros_like(x) for _ in range(3))
-    soft = 1.0 if kernel in EVEN_ODD else 0.1
-    hold(
-        steps, soft * SPRING, soft * DASHPOT, MEMBRANE_SLIP / nu, fluid.f, fluid.f_new,
-        fluid.force, fluid.velocity, lattice.streaming, fluid.parameters, False, fluid.buffer,
-        stencil, push, moved, vertex_velocity,
+    total = 1e-3  # any: the fluid is linear
+    fluid.set_body_force((-total / width**3, 0.0, 0.0))
+    normal, faces = icosphere(frequency_for_edge(4 * np.pi * radius**2, edge_to_spacing))
+    membrane = make_membrane(radius * normal, faces)
+    area = vertex_areas(membrane)
+    share = area / area.sum()
+    stencil = make_stencil(len(normal), kernel)
+    locate(radius * normal + (width // 2 + np.asarray(offset)), make_domain(lattice), stencil)
+    push, vertex_velocity, kick = (np.zeros_like(normal) for _ in range(3))
+    push[:, 0] = total * share
+    push_steadily(
+        2 * round(DIFFUSION_TIMES * width**2 / nu / 8), push, fluid.f, fluid.f_new, fluid.force,
+        fluid.velocity, lattice.streaming, fluid.parameters, False, fluid.buffer, stencil,
+        vertex_velocity, kick,
     )  # fmt: skip
-    drag = body_force * width**2 / (6 * np.pi * nu * fluid.mean_velocity()[0])
-    return width * brentq(lambda a: drag_over_radius(a) - drag, 1e-3, 0.49)
+    vertex_velocity -= fluid.mean_velocity()
+    drag = total / (6 * np.pi * nu * width)  # a K/L times the velocity
+    expected = np.array([drag / drag_over_radius(radius / width), 0.0, 0.0])
+
+    def parts(vectors):
+        across = (vectors * normal).sum(axis=1, keepdims=True) * normal
+        return vectors - across, across
+
+    tractions = parts(push / area[:, None] / nu)
+    lags = [
+        -float(np.vdot(share[:, None] * missing, part) / np.vdot(share[:, None] * part, part))
+        for missing, part in zip(parts(vertex_velocity - expected), tractions, strict=True)
+    ]
+    left = vertex_velocity - expected + sum(c * t for c, t in zip(lags, tractions, strict=True))
+    slip = sum(c * t for c, t in zip(MEMBRANE_SLIP[kernel], tractions, strict=True))
+    moves = float(share @ (vertex_velocity + slip)[:, 0])
+    acts = width * brentq(lambda a: drag_over_radius(a) - drag / moves, 1e-3, 0.49)
+    return Lag(acts, *lags, float(np.sqrt(share @ (left**2).sum(axis=1))) / expected[0])
+
+
+def hydrodynamic_radius(radius: float, **settings) -> float:
+    """Radius in nodes of the solid sphere that moves as fast as one of vertices with their slip;
+    settings of `lag_under_traction`."""
+    return lag_under_traction(radius, **settings).radius

@@ -379,6 +379,28 @@ def collect_corners(scratch, force):
             force[3 * v + 2] += fz[at[k, v]]
 
 
+def vertex_areas(membrane: Membrane) -> np.ndarray:
+    """Area of membrane at rest that each vertex stands for (V,): a third of the faces around it."""
+    loaded = membrane.faces[: len(membrane.face_edges)]
+    areas = np.broadcast_to(membrane.rest_areas[:, None] / 3, loaded.shape)
+    return np.bincount(loaded.ravel(), areas.ravel(), int(membrane.faces.max()) + 1)
+
+
+@restrict
+def vertex_normals(scratch, normal):
+    """Sum over the faces that meet in a vertex of their outward normals times area, normal (L, 3),
+    overwritten; from the normals in scratch."""
+    nx, ny, nz = scratch.normals
+    normal = normal.reshape(normal.size)
+    normal[:] = 0.0
+    for corner in scratch.corner_vertex:
+        for f in range(len(nx)):
+            v = corner[f]
+            normal[v] += nx[f]
+            normal[v + 1] += ny[f]
+            normal[v + 2] += nz[f]
+
+
 @jit
 def stretching_integral(s):
     """∫₁^λ κ(λ′) (λ′ − 1) dλ′ with s = √λ, up to a constant.

@@ -36,6 +36,8 @@ from dldsim.solver.membrane import (
     make_membrane,
     make_scratch,
     measure_faces,
+    vertex_areas,
+    vertex_normals,
 )
 from dldsim.solver.mesh import area, frequency_for_edge, make_shape
 from dldsim.solver.mirror import NO_MIRROR, half_of, reflect, spread_both
@@ -52,13 +54,23 @@ STABLE_GAIN = 0.6
 """Of dashpots or drag in one step, after the running mean: 0.7 held, 1.4 diverged."""
 LINGERING = 0.1
 """The same part at most for kernels that feed staggered momentum, which answers every step."""
-MEMBRANE_SLIP = 0.125
-"""Velocity of vertices through the fluid over f/ν, f the force density that lasts at them, lattice
-units. It offsets part of what the kernel adds to a membrane's size (`validate hydrodynamic-radius`)
-and is what leapfrog alone does at a relaxation time of 1.25, where capsules in shear were held
-against the boundary integral."""
+MEMBRANE_SLIP = {
+    "compact": (0.258, 0.044),
+    "linear": (0.234, 0.036),
+    "3-point": (0.298, 0.057),
+    "4-point": (0.379, 0.09),
+}
+"""Velocity of a vertex through the fluid over t/ν, t the lasting force on it per area of membrane,
+lattice units: along the membrane and across it, for each kernel.
+
+Averaged by the kernel that spreads a force and again by the one that interpolates, the velocity of
+a membrane lags behind that of a sharp one: along it, where the force bends the velocity profile, by
+a constant part of t/ν; across it, where only the curvature of the flow counts, by a smaller one
+that falls with the radius. The constants are those of a sphere of six nodes under uniform traction,
+which in theory moves as a whole (`dldsim.evidence.drag`)."""
+NORMAL_INTERVAL = 4  # steps between renewals of the vertices' normals
 LASTING_BLEND = 0.05
-"""Part of the running mean of that force density that each step replaces."""
+"""Part of the running means of forces and force densities that each step replaces."""
 ITERATIONS = 50
 STRAIN = 1e-5
 """Displacement, in nodes, of the differences that stand for a stiffness."""
@@ -85,9 +97,10 @@ class Body(NamedTuple):
     """State of the membrane: position, velocity and force of the vertices (V, 3).
 
     ``smooth``: running mean of the velocity on which dashpots (no-slip) or drag act; no-slip:
-    ``kick`` is the force density of the step at the vertices, ``lasting`` its running mean. Of half
-    a membrane ``force``, ``drag``, ``kick`` and ``lasting`` are those of its computed vertices; the
-    images that follow in the others are renewed by `mirror.reflect`.
+    ``kick`` is the force density of the step at the vertices and ``lead`` its running mean,
+    ``lasting`` that of the force; ``normal`` points outward, of any length. Of half a membrane
+    ``x``, ``v``, ``smooth`` and ``normal`` hold images too, which `mirror.reflect` renews but in
+    ``normal``, where they are not complete.
     """
 
     x: np.ndarray
@@ -96,7 +109,9 @@ class Body(NamedTuple):
     force: np.ndarray
     drag: np.ndarray
     kick: np.ndarray
+    lead: np.ndarray
     lasting: np.ndarray
+    normal: np.ndarray
 
 
 @jit
@@ -133,11 +148,12 @@ def advance_no_slip(
 
     Leapfrog: a vertex moves with the velocity half a step ahead, which holds the whole force of
     the step. With that of the present, half the force, every elastic mode would grow by ω²/4 per
-    step but for viscosity. A force that lasts makes of the half step a slip through the fluid that
-    grows with the relaxation time: of its running mean the vertices get the part ``slip`` instead
-    (MEMBRANE_SLIP over ν). ``before``: room for populations, of which staggered momentum is damped
-    now and then. Dashpots act on a running mean of the velocity, of which each step replaces the
-    part ``blend``.
+    step but for viscosity. Of a force that lasts, this lead would be a slip through the fluid, and
+    its running mean is left out. Through the fluid the vertices move by ``slip`` (2, V) times the
+    parts of the lasting force along the membrane and across it: MEMBRANE_SLIP over ν and a vertex's
+    area, which takes energy out of any motion. ``before``: room for populations, of which staggered
+    momentum is damped now and then. Dashpots act on a running mean of the velocity, of which each
+    step replaces the part ``blend``.
     """
     for step in range(steps):
         reflect(body.x, body.v, body.smooth, mirror)
@@ -154,10 +170,20 @@ def advance_no_slip(
         else:
             stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
         interpolate_both(velocity, force, stencil, body.v, body.kick)
+        if (start + step) % NORMAL_INTERVAL == 0:
+            vertex_normals(scratch, body.normal)
         for i in range(body.force.shape[0]):
+            along, square = 0.0, 0.0
             for d in range(3):
-                body.lasting[i, d] += LASTING_BLEND * (body.kick[i, d] - body.lasting[i, d])
-                body.v[i, d] += 0.5 * body.kick[i, d] + (slip - 0.5) * body.lasting[i, d]
+                body.lead[i, d] += LASTING_BLEND * (body.kick[i, d] - body.lead[i, d])
+                body.lasting[i, d] += LASTING_BLEND * (body.force[i, d] - body.lasting[i, d])
+                along += body.normal[i, d] * body.lasting[i, d]
+                square += body.normal[i, d] * body.normal[i, d]
+            along /= square
+            for d in range(3):
+                across = along * body.normal[i, d]
+                slides = slip[0, i] * (body.lasting[i, d] - across) + slip[1, i] * across
+                body.v[i, d] += 0.5 * (body.kick[i, d] - body.lead[i, d]) + slides
                 body.x[i, d] += body.v[i, d]
                 body.smooth[i, d] += blend * (body.v[i, d] - body.smooth[i, d])
         if (start + step) % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
@@ -416,7 +442,7 @@ class CellInFlow:
         lattice = fluid.lattice
         self.body = Body(
             vertices.copy(), *(np.zeros_like(vertices) for _ in range(2)),
-            *(np.zeros((computed, 3)) for _ in range(4)),
+            *(np.zeros((computed, 3)) for _ in range(5)), np.zeros_like(vertices),
         )  # fmt: skip
         self.stencil = make_stencil(computed, numerics.kernel, fluid.dtype)
         self.domain = make_domain(lattice, fluid.dtype)
@@ -446,7 +472,9 @@ class CellInFlow:
         self._mean = np.zeros(2)
         self._before = np.zeros_like(fluid.f)
         self.friction = units.friction(numerics.friction_nN_s_per_m) * self.density
-        self.slip = MEMBRANE_SLIP / units.viscosity_lu
+        along, across = MEMBRANE_SLIP[numerics.kernel]
+        areas = vertex_areas(self.membrane)[:computed] * units.viscosity_lu
+        self.slip = np.stack([along / areas, across / areas])
         self.mass = vertex_mass(self.friction, self.moduli)
         self._centre = np.zeros(3)
         self.steps = 0

@@ -1,10 +1,11 @@
-"""The hydrodynamic radius of a held sphere."""
+"""A sphere of vertices under uniform traction."""
 
 import numpy as np
 import pytest
 
-from dldsim.evidence.drag import drag_over_radius, hydrodynamic_radius
+from dldsim.evidence.drag import drag_over_radius, lag_under_traction
 from dldsim.evidence.reference import read_reference
+from dldsim.solver.time_loop import MEMBRANE_SLIP
 
 
 @pytest.mark.parametrize("root", [0.15, 0.35, 0.4, 0.45])
@@ -22,12 +23,20 @@ def test_drag_passes_through_the_table():
         assert drag_over_radius(radius) == pytest.approx(radius * row["drag_factor_K"])
 
 
-def test_surface_does_not_move_with_the_viscosity():
-    thin, thick = (hydrodynamic_radius(4, relaxation_time=tau, steps=2000) for tau in (1.25, 3.0))
-    assert thin == pytest.approx(thick, abs=0.05)
-    assert 4 < thin < 4.5
+@pytest.mark.parametrize("kernel", MEMBRANE_SLIP)
+def test_slip_is_what_a_sphere_of_six_nodes_lags(kernel):
+    lag = lag_under_traction(6, kernel=kernel)
+    assert (lag.along, lag.across) == pytest.approx(MEMBRANE_SLIP[kernel], abs=0.003)
+    assert lag.uneven < 0.015
+    assert lag.radius == pytest.approx(6, abs=0.03)
 
 
-def test_a_wider_kernel_makes_the_sphere_larger():
-    compact, peskin = (hydrodynamic_radius(4, kernel=k, steps=2000) for k in ("compact", "4-point"))
-    assert 0.1 < peskin - compact < 0.4
+@pytest.mark.parametrize("settings", [
+    {"relaxation_time": 1.25}, {"offset": (0.1, 0.3, 0.2)}, {"edge_to_spacing": 0.7},
+    {"edge_to_spacing": 1.4},
+])  # fmt: skip
+def test_lag_is_that_of_the_kernel_alone(settings):
+    lag = lag_under_traction(4, **settings)
+    usual = lag_under_traction(4)
+    assert (lag.along, lag.across) == pytest.approx((usual.along, usual.across), abs=0.006)
+    assert lag.radius == pytest.approx(4, abs=0.05)
