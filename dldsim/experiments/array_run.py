@@ -7,7 +7,7 @@ anywhere.
 import json
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -32,6 +32,7 @@ from dldsim.experiments.migration import (
     next_release,
     outcome_of,
     row_crossings,
+    taken_together,
 )
 from dldsim.solver.flow import EmptyFlow, Fluid, solve_empty_array
 from dldsim.solver.pillars import ArrayLattice, make_array
@@ -133,12 +134,14 @@ def simulate_run(
     outcome_id: str | None = None,
     stiffness_set: str,
     empty_flow: EmptyFlow | None = None,
+    others: Sequence[Migration] = (),
     observe: Callable[[CellInFlow, Record], None] | None = None,
     progress: Progress = None,
 ) -> RunResult:
     """Carry one cell through the array until its motion settles or ``control.max_rows`` are done.
 
-    ``outcome_id``: the outcome that the run belongs to; by default itself.
+    ``outcome_id``: the outcome that the run belongs to; by default itself. ``others``: other
+    releases of it, in µm, whose passes count where they are alike (`migration.analyse_path`).
 
     ``observe`` is called after every sample that is recorded, with the scene as it is then, and
     with another record where the run began anew with a shorter time step.
@@ -147,14 +150,14 @@ def simulate_run(
     """
     def attempt(shorter: float) -> RunResult:
         return _simulate(geometry, stiffness, cell, flow, numerics, control, run_id,
-                         outcome_id or run_id, stiffness_set, empty_flow, observe, progress,
-                         shorter)
+                         outcome_id or run_id, stiffness_set, empty_flow, others, observe,
+                         progress, shorter)
 
     return again_if_unstable(attempt, numerics, progress)
 
 
 def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcome_id,
-              stiffness_set, empty_flow, observe, progress, shorter) -> RunResult:
+              stiffness_set, empty_flow, others, observe, progress, shorter) -> RunResult:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
     start = time.perf_counter()
     wanted = numerics
@@ -197,6 +200,10 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
         if observe:
             observe(scene, record)
 
+    def analyse(lateral: np.ndarray) -> Migration:
+        return analyse_path(lateral * array.spacing_um, geometry.pitch_um, geometry.periodicity,
+                            control, others)
+
     keep()
     loop = time.perf_counter()
     while status is None:
@@ -209,7 +216,7 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
         keep()
         if path.rows > len(lateral) - 1:
             lateral = path.crossings()
-            result = analyse_path(lateral, array.pitch, geometry.periodicity, control)
+            result = analyse(lateral)
             settled = result.status in SETTLED and path.rows >= control.min_rows
             if settled or path.rows >= control.max_rows:
                 status, reason = result.status, result.reason
@@ -221,8 +228,7 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
             )
         reporter.report(sample, path.rows)
     wall = time.perf_counter() - loop
-    lateral = path.crossings()
-    migration = analyse_path(lateral, array.pitch, geometry.periodicity, control)
+    migration = analyse(path.crossings())
     if status in ("unstable", "stuck"):
         migration = broken_off(status, reason, migration.lateral_steps)
     row = {
@@ -233,7 +239,7 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
         "stop_reason": reason,
         **{name: getattr(migration, name) for name in MIGRATION},
         "rows_completed": path.rows,
-        "lateral_steps_um": (migration.lateral_steps * array.spacing_um).tolist(),
+        "lateral_steps_um": migration.lateral_steps.tolist(),
         **cost_and_quality(scene, record, wall),
         "rows_in_domain": numerics.rows,
         "lanes_in_domain": numerics.lanes,
@@ -343,7 +349,8 @@ def simulate_outcome(
 ) -> OutcomeResult:
     """Release the cell at as many of ``control.release_gap_fractions`` as it takes.
 
-    Which place comes next, and when enough is known, `migration.next_release` says. If
+    Which place comes next, and when enough is known, `migration.next_release` says, to which the
+    passes of all releases count together (`migration.taken_together`). If
     ``control.outcome_rows_max`` rows are spent before, the outcome is undecided, with the bounds of
     what was seen. No cell enters where it does not fit: such a place is left out, and the reason of
     the outcome names it.
@@ -355,7 +362,10 @@ def simulate_outcome(
     places, narrow = list(control.release_gap_fractions), []
     runs = {place: finished[place] for place in places if place in finished}
     migrations = {place: migration_of(run.row) for place, run in runs.items()}
-    while (place := next_release(migrations, places, geometry.periodicity)) is not None:
+    def together() -> dict[float, Migration]:
+        return taken_together(migrations, geometry.pitch_um, geometry.periodicity, control)
+
+    while (place := next_release(together(), places, geometry.periodicity)) is not None:
         left = control.outcome_rows_max - sum(run.row["rows_completed"] for run in runs.values())
         if runs and left < geometry.periodicity:
             break
@@ -369,8 +379,8 @@ def simulate_outcome(
                 Cell(**cell.model_dump() | {"release_gap_fraction": place}), flow, numerics,
                 control.model_copy(update={"max_rows": min(control.max_rows, left)}),
                 run_id=release_id(outcome_id, place), outcome_id=outcome_id,
-                stiffness_set=stiffness_set, empty_flow=empty_flow, observe=observe,
-                progress=progress,
+                stiffness_set=stiffness_set, empty_flow=empty_flow,
+                others=list(migrations.values()), observe=observe, progress=progress,
             )  # fmt: skip
         except NoRoom as error:
             places.remove(place)
@@ -384,7 +394,7 @@ def simulate_outcome(
         if keep:
             keep(place, runs[place])
     row = known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, numerics)
-    row |= sum_up(migrations, [run.row for run in runs.values()], geometry.periodicity)
+    row |= sum_up(together(), [run.row for run in runs.values()], geometry.periodicity)
     if place is not None:
         row["status"] = "undecided"
         row["stop_reason"] = (

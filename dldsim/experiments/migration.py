@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+from scipy.stats import f_oneway
 from scipy.stats import t as student
 
 from dldsim.config.sections import RunControl
@@ -34,6 +35,8 @@ STILL_WITHIN = 0.25
 LANE_WIDTH = 1.0
 """A cell that stays within so many row shifts may be in the bump lane."""
 CONFIDENCE = 0.95
+UNLIKE = 0.05
+"""Releases are unlike if the scatter of their passes' lengths has at most this chance (F test)."""
 DECIDED = ("decided", "coexisting")
 """Statuses of an outcome whose releases have all settled."""
 BROKEN = ("stuck", "unstable", "failed")
@@ -118,11 +121,17 @@ class Motion:
 
 
 def analyse_path(
-    lateral: np.ndarray, pitch: float, periodicity: int, control: RunControl
+    lateral: np.ndarray,
+    pitch: float,
+    periodicity: int,
+    control: RunControl,
+    others: Sequence[Migration] = (),
 ) -> Migration:
     """Migration of a cell from its lateral positions at the row crossings (rows + 1,).
 
-    Nothing is decided before the first array period is complete.
+    ``others``: other releases of the same cell in the same array, in the same unit; where they fall
+    through lane after lane alike, their passes count as well. Nothing is decided before the first
+    array period is complete.
     """
     steps = np.diff(lateral)
     rows = len(steps)
@@ -136,7 +145,7 @@ def analyse_path(
         resting(m, control)
         or repeating(m, periodicity, control)
         or swinging(m, periodicity, control)
-        or passing(m, periodicity, control)
+        or passing(m, periodicity, control, falling(others, pitch, periodicity))
         or undecided(m, periodicity, control)
     )
     angle = angle_of(found.mean, periodicity)
@@ -329,46 +338,84 @@ def chance_beyond(values: np.ndarray, limit: float, resolution: float) -> float:
     return float(student.sf((limit - values.mean()) / scatter, n - 1))
 
 
-def mean_of_passes(passes: Passes, periodicity: int) -> tuple[float, float, float]:
+def mean_of_passes(releases: Sequence[Passes], periodicity: int) -> tuple[float, float, float]:
     """Mean step of at least two passes and its 95 % interval.
 
-    By the scatter of the passes' lengths (Student's t), and the error of first and last start.
+    By the scatter of the passes' lengths (Student's t), and the errors of first and last start of
+    each release.
     """
-    rows = passes.rows()
+    rows = np.concatenate([passes.rows() for passes in releases])
+    ends = sum(passes.start_errors[[0, -1]].sum() for passes in releases)
     half_width = student.ppf((1 + CONFIDENCE) / 2, len(rows) - 1) * rows.std(ddof=1)
-    half_width = half_width / math.sqrt(len(rows)) + passes.start_errors[[0, -1]].sum() / len(rows)
-    ends = rows.mean(), max(1.0, rows.mean() - half_width), rows.mean() + half_width
-    mean, low, high = (1 - periodicity / end for end in ends)
+    half_width = half_width / math.sqrt(len(rows)) + ends / len(rows)
+    bounds = rows.mean(), max(1.0, rows.mean() - half_width), rows.mean() + half_width
+    mean, low, high = (1 - periodicity / bound for bound in bounds)
     return float(mean), float(low), float(high)
 
 
-def passing(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | None:
+def falling(others: Sequence[Migration], pitch: float, periodicity: int) -> list[Passes]:
+    """Passes of other releases that fall through lane after lane, without an orbit.
+
+    Empty if one of them was caught after a pass: then the lane does catch, and how often cannot be
+    told from the passes that it let go.
+    """
+    found = []
+    for one in others:
+        passes = find_passes(one.lateral_steps * periodicity / pitch, periodicity)
+        if one.status in ("stationary", "undecided") and len(passes) > 1:
+            found.append(passes)
+        elif one.status == "converged" and len(passes):
+            return []
+    return found
+
+
+def alike(releases: Sequence[Passes]) -> bool:
+    """Whether passes of several releases may be of one motion, by the scatter of their lengths."""
+    lengths = [passes.rows() for passes in releases]
+    within = sum(float(((rows - rows.mean()) ** 2).sum()) for rows in lengths)
+    if within == 0:
+        return float(np.ptp(np.concatenate(lengths))) == 0
+    return float(f_oneway(*lengths).pvalue) > UNLIKE
+
+
+def passing(
+    m: np.ndarray, periodicity: int, control: RunControl, others: Sequence[Passes] = ()
+) -> Motion | None:
     """A motion through lane after lane whose mean is known and that the bump lane cannot catch.
 
     The 95 % interval of the mean has a half-width of at most ``mean_tolerance``, and the chance per
-    row that a pass has a peak of one row shift is at most ``capture_chance_max``.
+    row that a pass has a peak of one row shift is at most ``capture_chance_max``. Three passes are
+    the least: of this release alone or, where they are alike, two of it and those of ``others``.
     """
-    passes = find_passes(m, periodicity)
-    if len(passes) < 3:
+    own = find_passes(m, periodicity)
+    if len(own) < 2:
         return None
-    mean, low, high = mean_of_passes(passes, periodicity)
-    capture = capture_per_row(passes, control)
+    releases = [own, *others] if others and alike([own, *others]) else [own]
+    count = sum(map(len, releases))
+    if count < 3:
+        return None
+    mean, low, high = mean_of_passes(releases, periodicity)
+    capture = capture_per_row(releases, control)
     if max(high - mean, mean - low) > control.mean_tolerance:
         return None
     if capture > control.capture_chance_max:
         return None
-    peak = float(passes.peaks.mean())
+    peaks = np.concatenate([passes.peaks for passes in releases])
+    shared = f", {len(own)} of them here and those of other releases alike" if releases[1:] else ""
     return Motion(
         "stationary",
-        f"{len(passes)} passes of {passes.rows().mean():.2f} rows with peaks of {peak:.2f} row "
-        f"shifts; chance of capture by the bump lane {capture:.1g} per row",
-        mean, low, high, 0, int(passes.starts[0]), float(passes.peaks.max()), peak - 1, capture,
+        f"{count} passes of {periodicity / (1 - mean):.2f} rows with peaks of {peaks.mean():.2f} "
+        f"row shifts{shared}; chance of capture by the bump lane {capture:.1g} per row",
+        mean, low, high, 0, int(own.starts[0]), float(peaks.max()), float(peaks.mean()) - 1,
+        capture,
     )  # fmt: skip
 
 
-def capture_per_row(passes: Passes, control: RunControl) -> float:
+def capture_per_row(releases: Sequence[Passes], control: RunControl) -> float:
     """Chance per row that the next pass has a peak of one row shift, which capture needs."""
-    return chance_beyond(passes.peaks, 1.0, control.orbit_tolerance) / float(passes.rows().mean())
+    peaks = np.concatenate([passes.peaks for passes in releases])
+    rows = np.concatenate([passes.rows() for passes in releases])
+    return chance_beyond(peaks, 1.0, control.orbit_tolerance) / float(rows.mean())
 
 
 def undecided(m: np.ndarray, periodicity: int, control: RunControl) -> Motion:
@@ -384,9 +431,9 @@ def undecided(m: np.ndarray, periodicity: int, control: RunControl) -> Motion:
     distance = None
     reason = f"not settled in {len(m)} rows: {len(passes)} complete passes"
     if len(passes) > 1:
-        capture = capture_per_row(passes, control)
+        capture = capture_per_row([passes], control)
         distance = float(passes.peaks.mean()) - 1
-        expected, low, high = mean_of_passes(passes, periodicity)
+        expected, low, high = mean_of_passes([passes], periodicity)
         low, high = min(low, mean), max(high, mean)
         if capture > control.capture_chance_max:
             high = max(1.0, high)
@@ -440,6 +487,23 @@ def flux_shares(fractions: Sequence[float]) -> np.ndarray:
     shares = np.empty(len(places))
     shares[order] = np.diff(cuts**2 * (3 - 2 * cuts))
     return shares
+
+
+def taken_together(
+    migrations: Mapping[float, Migration], pitch: float, periodicity: int, control: RunControl
+) -> dict[float, Migration]:
+    """The releases, those that are undecided alone seen once more with the passes of the others.
+
+    Releases of one cell in one array meet the same row map: what one of them shows of its peaks and
+    of the mean holds for all that fall through its lanes alike.
+    """
+    together = dict(migrations)
+    for place, one in migrations.items():
+        if one.status == "undecided":
+            path = np.concatenate([[0.0], np.cumsum(one.lateral_steps)])
+            others = [other for at, other in migrations.items() if at != place]
+            together[place] = analyse_path(path, pitch, periodicity, control, others)
+    return together
 
 
 def outcome_of(migrations: Mapping[float, Migration], periodicity: int) -> Outcome:

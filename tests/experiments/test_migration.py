@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom
+from scipy.stats import binom, ttest_ind
 
 from dldsim.config.sections import RunControl
 from dldsim.experiments.migration import (
     CONFIDENCE,
     SETTLED,
     Migration,
+    Passes,
+    alike,
     analyse_path,
     chance_beyond,
     flux_shares,
@@ -22,6 +24,7 @@ from dldsim.experiments.migration import (
     next_release,
     outcome_of,
     row_crossings,
+    taken_together,
 )
 
 PITCH, N = 30.0, 10
@@ -223,6 +226,64 @@ def test_chance_is_that_of_the_predictive_distribution():
     for limit in (0.5, 0.8):
         expected = (score >= (limit - values.mean()) / values.std(ddof=1)).mean()
         assert chance_beyond(values, limit, 0.0) == pytest.approx(expected, rel=0.05)
+
+
+# ------------------------------------------------------------------- passes of several releases
+
+
+def releases(peak, rows, seed, noise=0.06):
+    """Three paths over one map, from three places."""
+    return {
+        place: analyse(path_of(circle(peak, 1.5, start, rows, np.random.default_rng(seed + k), noise)))
+        for k, (place, start) in enumerate({0.2: -1.0, 0.5: -4.0, 0.8: -8.0}.items())
+    }  # fmt: skip
+
+
+def test_passes_of_all_releases_count_together():
+    """What three releases of 35 rows cannot tell alone they tell together, and the mean of 20,000
+    rows is missed no more often than the binomial law allows at 1 in 1000."""
+    true = angle_of_mean(circle(0.5, 1.5, 0.0, 20_000, np.random.default_rng(0), 0.06).mean())
+    alone = settled = missed = count = 0
+    for seed in range(0, 90, 3):
+        found = releases(0.5, 35, seed)
+        together = taken_together(found, PITCH, N, CONTROL)
+        alone += sum(one.status in SETTLED for one in found.values())
+        for one in together.values():
+            if one.status in SETTLED:
+                settled += 1
+                missed += not one.angle_low_deg <= true <= one.angle_high_deg
+        count += len(found)
+    assert settled > max(1.5 * alone, 0.6 * count)
+    assert missed <= binom.ppf(0.999, settled, 1 - CONFIDENCE)
+
+
+def test_together_as_near_the_transition_as_alone_nothing_is_excluded():
+    for seed in range(0, 30, 3):
+        together = taken_together(releases(0.9, 35, seed, 0.1), PITCH, N, CONTROL)
+        for one in together.values():
+            assert one.status == "undecided" or one.mode == "bump" or one.orbit_rows
+
+
+def test_passes_that_the_lane_has_ended_tell_nothing_of_the_others():
+    found = releases(0.5, 35, 0)
+    caught = analyse(path_of([*circle(0.5, 1.5, -1.0, 30), 0.6, 0.9, 1.1, *[1.0] * 12]))
+    assert caught.status == "converged"
+    place = next(at for at, one in found.items() if one.status == "undecided")
+    both = taken_together({place: found[place], 0.9: caught}, PITCH, N, CONTROL)
+    assert both[place].status == "undecided"
+
+
+def test_passes_of_other_lengths_are_unlike():
+    """Reference: a t test of two samples, whose square F is."""
+    def of(*rows):
+        starts = np.concatenate([[0.0], np.cumsum(rows)])
+        return Passes(starts, np.zeros(len(starts)), np.full(len(rows), 0.5))
+
+    slow, fast, slower = (11.0, 12.5, 11.5), (13.6, 14.5, 13.9), (11.4, 12.9, 12.2)
+    for pair, expected in (((slow, fast), False), ((slow, slower), True)):
+        assert alike([of(*rows) for rows in pair]) == expected == (ttest_ind(*pair).pvalue > 0.05)
+    assert alike([of(12.0, 12.0), of(12.0)])
+    assert not alike([of(12.0, 12.0), of(13.0, 13.0)])
 
 
 # ------------------------------------------------------------------------------- orbits
