@@ -282,10 +282,12 @@ def broken_off(status: str, reason: str, lateral_steps: np.ndarray) -> Migration
 
 
 def migration_of(row: Mapping) -> Migration:
-    """The Migration that a row of `runs` was made from; its lateral steps in µm."""
+    """The Migration that a row of `runs` was made from, in µm; its path starts at the height in the
+    gap, which differs from that on the lattice by the same for all releases."""
     return Migration(
         row["status"], row["stop_reason"], **{name: row[name] for name in MIGRATION},
         lateral_steps=np.array(row["lateral_steps_um"]),
+        lateral_start=row["release_gap_fraction"] * row["gap_um"],
     )  # fmt: skip
 
 

@@ -86,7 +86,8 @@ class Migration:
     ``transition_distance``: how far the map's peak lies above (bump lane) or below one row shift;
     above it is a lower bound, for a cell at rest sees little of the map.
     ``capture_chance``: chance per row that the bump lane catches a motion that is not on it.
-    ``lateral_steps`` (rows,): in the units of the positions.
+    ``lateral_steps`` (rows,) and ``lateral_start``, the first position: in the units of the
+    positions.
     """
 
     status: str
@@ -102,6 +103,11 @@ class Migration:
     transition_distance: float | None = None
     capture_chance: float | None = None
     lateral_steps: np.ndarray = field(default_factory=lambda: np.empty(0))
+    lateral_start: float = 0.0
+
+    def positions(self) -> np.ndarray:
+        """Lateral positions (rows + 1,)."""
+        return self.lateral_start + np.concatenate([[0.0], np.cumsum(self.lateral_steps)])
 
 
 @dataclass(frozen=True)
@@ -138,7 +144,7 @@ def analyse_path(
     if rows < periodicity:
         return Migration(
             "undecided", f"only {rows} rows, fewer than one period of {periodicity}",
-            lateral_steps=steps,
+            lateral_steps=steps, lateral_start=float(lateral[0]),
         )  # fmt: skip
     m = steps * periodicity / pitch
     found = (
@@ -148,12 +154,19 @@ def analyse_path(
         or passing(m, periodicity, control, falling(others, pitch, periodicity))
         or undecided(m, periodicity, control)
     )
+    return _migration(found, m, lateral, periodicity)
+
+
+def _migration(
+    found: Motion, m: np.ndarray, lateral: np.ndarray, periodicity: int
+) -> Migration:
+    """Migration of a motion on a path of steps m in row shifts."""
     angle = angle_of(found.mean, periodicity)
     return Migration(
         found.status, found.reason, mode_of(angle, 1 / periodicity), angle,
         angle_of(found.low, periodicity), angle_of(found.high, periodicity),
         angle_of(m[:periodicity].mean(), periodicity), found.orbit_rows, found.settled_row,
-        found.peak, found.distance, found.capture, steps,
+        found.peak, found.distance, found.capture, np.diff(lateral), float(lateral[0]),
     )  # fmt: skip
 
 
@@ -492,18 +505,63 @@ def flux_shares(fractions: Sequence[float]) -> np.ndarray:
 def taken_together(
     migrations: Mapping[float, Migration], pitch: float, periodicity: int, control: RunControl
 ) -> dict[float, Migration]:
-    """The releases, those that are undecided alone seen once more with the passes of the others.
+    """The releases, those that are undecided alone seen once more beside the others.
 
     Releases of one cell in one array meet the same row map: what one of them shows of its peaks and
-    of the mean holds for all that fall through its lanes alike.
+    of the mean holds for all that fall through its lanes alike (`passing`), and a lane that holds
+    one holds another that has come to the same place (`in_the_lane_of`).
     """
     together = dict(migrations)
     for place, one in migrations.items():
-        if one.status == "undecided":
-            path = np.concatenate([[0.0], np.cumsum(one.lateral_steps)])
+        if one.status == "undecided" and len(one.lateral_steps) >= periodicity:
             others = [other for at, other in migrations.items() if at != place]
-            together[place] = analyse_path(path, pitch, periodicity, control, others)
+            lateral = one.positions()
+            lane = in_the_lane_of(others, lateral, pitch, periodicity, control)
+            together[place] = lane or analyse_path(lateral, pitch, periodicity, control, others)
     return together
+
+
+def in_the_lane_of(
+    others: Sequence[Migration], lateral: np.ndarray, pitch: float, periodicity: int,
+    control: RunControl,
+) -> Migration | None:
+    """A path (rows + 1,) that swings about the place in the bump lane where another has settled.
+
+    In the frame of the pillars, modulo the pitch, the mean position of its last 2 ``still_rows``
+    rows is that of the other, and all of them keep within those of the other, both by the least
+    scatter of the row map. Paths that began apart and have come to the same place were drawn there.
+    """
+    m = np.diff(lateral) * periodicity / pitch
+    rows = 2 * control.still_rows
+    entry = lane_entry(m, control.orbit_tolerance)
+    if entry is None or len(m) - entry < rows:
+        return None
+
+    def last(positions: np.ndarray) -> np.ndarray:
+        return (positions * periodicity / pitch - np.arange(len(positions)))[-rows - 1 :]
+
+    def in_lane(other: Migration) -> bool:
+        steps = other.lateral_steps * periodicity / pitch
+        since = lane_entry(steps, control.orbit_tolerance)
+        return since is not None and len(steps) - since >= control.still_rows
+
+    here = last(lateral)
+    for other in others:
+        if other.status not in SETTLED or not in_lane(other):
+            continue
+        there = last(other.positions())[-control.still_rows - 1 :]
+        shift = periodicity * round(float(here.mean() - there.mean()) / periodicity)
+        low, high = there.min() + shift - MAP_SCATTER[0], there.max() + shift + MAP_SCATTER[0]
+        apart = abs(float(here.mean() - there.mean()) - shift)
+        if apart <= MAP_SCATTER[0] and low <= here.min() and here.max() <= high:
+            half_width, peak = float(np.ptp(here)) / rows, float(m[entry:].max())
+            return _migration(Motion(
+                "stationary",
+                f"swings in the bump lane since row {entry}, about the place where another release "
+                f"has settled: {apart:.2f} row shifts from it on the mean of {rows} rows",
+                1.0, 1 - half_width, 1 + half_width, 0, entry, peak, peak - 1, 0.0,
+            ), m, lateral, periodicity)  # fmt: skip
+    return None
 
 
 def outcome_of(migrations: Mapping[float, Migration], periodicity: int) -> Outcome:

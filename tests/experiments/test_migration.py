@@ -233,10 +233,11 @@ def test_chance_is_that_of_the_predictive_distribution():
 
 def releases(peak, rows, seed, noise=0.06):
     """Three paths over one map, from three places."""
-    return {
-        place: analyse(path_of(circle(peak, 1.5, start, rows, np.random.default_rng(seed + k), noise)))
-        for k, (place, start) in enumerate({0.2: -1.0, 0.5: -4.0, 0.8: -8.0}.items())
-    }  # fmt: skip
+    found = {}
+    for place, start in {0.2: -1.0, 0.5: -4.0, 0.8: -8.0}.items():
+        rng = np.random.default_rng([seed, int(10 * place)])
+        found[place] = analyse(path_of(circle(peak, 1.5, start, rows, rng, noise)))
+    return found
 
 
 def test_passes_of_all_releases_count_together():
@@ -284,6 +285,33 @@ def test_passes_of_other_lengths_are_unlike():
         assert alike([of(*rows) for rows in pair]) == expected == (ttest_ind(*pair).pvalue > 0.05)
     assert alike([of(12.0, 12.0), of(12.0)])
     assert not alike([of(12.0, 12.0), of(13.0, 13.0)])
+
+
+# ------------------------------------------------------------------- lane of another release
+
+
+def swinging_to(place, start, rows=36, seed=0, drift=0.0):
+    """A path from ``start`` to a lane about ``place``, in row shifts, that it never repeats."""
+    k = np.arange(rows + 1)
+    z = place + (start - place) * 0.6**k
+    z[1:] += 0.2 * np.random.default_rng(seed).uniform(-1, 1, rows)
+    return SHIFT * (z + k * (1 - drift))
+
+
+def test_a_lane_that_holds_one_release_holds_another():
+    orbit = 1 + np.concatenate([3 * 0.5 ** np.arange(6), np.tile([0.0, 0.2, -0.2], 8)])
+    rests = analyse(SHIFT * (orbit + np.arange(len(orbit))))
+    swings = analyse(swinging_to(1.0, 2.4))
+    assert (rests.status, swings.status) == ("periodic", "undecided")
+    together = taken_together({0.5: rests, 0.2: swings}, PITCH, N, CONTROL)[0.2]
+    assert (together.status, together.mode) == ("stationary", "bump")
+    assert together.angle_low_deg < angle_of_mean(1) < together.angle_high_deg
+    # One lane further on is the same place; half a lane further, or a path that drifts, is not.
+    for path, same in ((swinging_to(1.0 + N, 2.4 + N), True), (swinging_to(1.5, 2.4), False),
+                       (swinging_to(1.0, 2.4, drift=0.02), False)):  # fmt: skip
+        found = {0.5: rests, 0.2: analyse(path)}
+        status = taken_together(found, PITCH, N, CONTROL)[0.2].status
+        assert (status == "stationary") == same
 
 
 # ------------------------------------------------------------------------------- orbits
