@@ -192,7 +192,7 @@ def _write_passage(
 
 
 def _write_figure(figure, path: Path) -> None:
-    from dldsim.report.figures import render
+    from dldsim.report.style import render
 
     with atomic_path(path) as part:
         part.write_bytes(render(figure, "png"))

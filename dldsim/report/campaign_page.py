@@ -29,10 +29,15 @@ from dldsim.evidence.accuracy import ANGLE, INDEX, SETTING
 from dldsim.evidence.validation import CASES, verdicts
 from dldsim.report import (
     accuracy_figures,
-    analysis_figures,
+    angle_figures,
+    calibration_figures,
     design_figures,
-    figures,
+    flow_figures,
     stability_figures,
+    statistics_figures,
+    style,
+    surrogate_figures,
+    trajectory_figures,
     validation_figures,
 )
 from dldsim.tables.parquet import atomic_path, read_table
@@ -224,7 +229,7 @@ class Campaign:
         """Save a figure, and return it embedded with caption and data links."""
         self.figure_count += 1
         folder = self.results / "figures"
-        images = {kind: figures.render(figure, kind) for kind in ("svg", "png")}
+        images = {kind: style.render(figure, kind) for kind in ("svg", "png")}
         for kind, image in images.items():
             with atomic_path(folder / f"{name}.{kind}") as part:
                 part.write_bytes(image)
@@ -284,7 +289,7 @@ def _summary(campaign: Campaign) -> str:
     count = outcomes["status"].value_counts()
     undecided = int(count.get("undecided", 0))
     broken = outcomes[outcomes["status"].isin(BROKEN)]
-    modes = [m for m in figures.MODES[:-1] if (outcomes["mode"] == m).any()]
+    modes = [m for m in style.MODES[:-1] if (outcomes["mode"] == m).any()]
     simulation = outcomes["wall_time_s"].sum()
     for kind in ("flows", "constriction_runs"):
         if kind in campaign:
@@ -300,7 +305,7 @@ def _summary(campaign: Campaign) -> str:
         (duration(simulation), "simulation, summed over jobs"),
     ]
     if "predictions" in campaign and len(campaign["predictions"]):
-        scores = analysis_figures.pooled_scores(campaign["predictions"])
+        scores = surrogate_figures.pooled_scores(campaign["predictions"])
         by_array = scores[scores["split"] == "geometry"]
         if len(by_array):
             best = by_array.iloc[0]
@@ -357,10 +362,10 @@ def _arrays(outcomes: pd.DataFrame) -> pd.DataFrame:
 def _status_table(campaign: Campaign) -> str:
     outcomes, runs = campaign.outcomes, campaign.runs
     statuses = [s for s in STATUS_MEANING if (outcomes["status"] == s).any()]
-    modes = [m for m in figures.MODES if (outcomes["mode"] == m).any()]
+    modes = [m for m in style.MODES if (outcomes["mode"] == m).any()]
     columns = {"status": _texts(statuses)}
     for mode in modes:
-        columns[figures.mode_name(mode)] = [
+        columns[style.mode_name(mode)] = [
             number(int(((outcomes["status"] == s) & (outcomes["mode"] == mode)).sum()))
             for s in statuses
         ]
@@ -463,7 +468,7 @@ def _trajectories(campaign: Campaign) -> str:
         parts.append(campaign.absent("trajectory"))
     else:
         picked = [
-            (heading, ids) for heading, ids in figures.pick_trajectories(runs)
+            (heading, ids) for heading, ids in trajectory_figures.pick_trajectories(runs)
             if set(ids) <= set(tracks["run_id"])
         ]
         missing = [m for m in ("bump", "zigzag") if not (runs["mode"] == m).any()]
@@ -471,9 +476,10 @@ def _trajectories(campaign: Campaign) -> str:
             parts.append(f'<p class="absent">No run of this campaign is in {listing(missing)} '
                          "mode, so none is drawn.</p>")
         if picked:
-            panels = [figures.trajectory_panel(h, ids, runs, tracks) for h, ids in picked]
+            panels = [trajectory_figures.trajectory_panel(h, ids, runs, tracks)
+                      for h, ids in picked]
             parts.append(campaign.figure(
-                "trajectories", figures.draw_trajectories(panels),
+                "trajectories", trajectory_figures.draw_trajectories(panels),
                 "Path of the cell's centre of mass over the pillars (grey), laboratory frame, true "
                 "aspect ratio, flow from left to right; the last rows of each run, one period or "
                 "more. Runs are chosen automatically: the settled run nearest to the median "
@@ -488,7 +494,7 @@ def _trajectories(campaign: Campaign) -> str:
             "surfaces (grey); a line that ends level has settled. "
         ) if tracks is not None else ""
         parts.append(campaign.figure(
-            "all_runs", figures.draw_all_runs(runs, tracks),
+            "all_runs", trajectory_figures.draw_all_runs(runs, tracks),
             "All runs. Top: lateral steps summed up, in units of the row shift ελ; a bumping cell "
             "rises as the dotted line does, a zigzagging one falls back once a period. "
             + bottom
@@ -499,7 +505,7 @@ def _trajectories(campaign: Campaign) -> str:
 
 
 def _no_angle(outcomes: pd.DataFrame) -> str | None:
-    if figures.measured(outcomes).empty:
+    if style.measured(outcomes).empty:
         return '<p class="absent">No outcome of this campaign has a migration angle.</p>'
     return None
 
@@ -509,17 +515,17 @@ def _angle_section(campaign: Campaign) -> str:
     if sentence := _no_angle(outcomes):
         return sentence
     parts = [campaign.figure(
-        "angles", figures.draw_angles(outcomes),
+        "angles", angle_figures.draw_angles(outcomes),
         "Migration angle θ<sub>m</sub> of every outcome against geometry (position, colour) and "
         "stiffness set (marker). Dotted: angle of full bump mode, arctan(1/<i>N</i><sub>p</sub>). "
         "Bars: numerical uncertainty σ<sub>num</sub>, where it is known. Open: undecided. "
         "Markers at one position are set apart sideways.",
         ["outcomes"],
     )]
-    points = figures.measured(outcomes)
+    points = style.measured(outcomes)
     if points["deformation_index"].notna().any():
         parts.append(campaign.figure(
-            "deformability", figures.draw_deformability(outcomes),
+            "deformability", angle_figures.draw_deformability(outcomes),
             "What the cell's deformability does: θ<sub>m</sub> as a fraction of the bump angle "
             "against the deformation index from the constriction calibration; one line per array. "
             "A level line: deformability does not matter in that array.",
@@ -527,7 +533,7 @@ def _angle_section(campaign: Campaign) -> str:
         ))
     if points["deformation_index"].notna().any():
         parts.append(campaign.figure(
-            "density", analysis_figures.draw_density(outcomes),
+            "density", angle_figures.draw_density(outcomes),
             "Density of DI against θ<sub>m</sub> (grey: Gaussian kernel), every outcome as a "
             "point, set apart sideways. DI takes one value per stiffness set, so that what is "
             "continuous along DI is the kernel's doing, in the source paper's figure as well. "
@@ -535,14 +541,14 @@ def _angle_section(campaign: Campaign) -> str:
             ["outcomes"],
         ))
     parts.append(campaign.figure(
-        "boxes", analysis_figures.draw_boxes(outcomes),
+        "boxes", angle_figures.draw_boxes(outcomes),
         "θ<sub>m</sub> over one factor at a time, all others pooled; box: quartiles, whiskers: 1.5 "
         "quartile ranges, points: outcomes. The source paper reads falling medians and spreads as "
         "smooth trends; here the spread is a mixture of modes, and its upper edge the bump angle "
         "arctan(1/<i>N</i><sub>p</sub>). Measured.", ["outcomes"],
     ))
     parts.append(campaign.figure(
-        "factors", analysis_figures.draw_factors(outcomes),
+        "factors", angle_figures.draw_factors(outcomes),
         "All geometric factors at once; a box holds all <i>N</i><sub>p</sub> and stiffness sets of "
         "a gap and a pillar radius. In the source paper each gap has one radius "
         "(<i>P</i><sub>g</sub> = <i>P</i><sub>r</sub> + 10 µm), so that its figure cannot part the "
@@ -550,7 +556,7 @@ def _angle_section(campaign: Campaign) -> str:
     ))
     if points["source_angle_deg"].notna().any():
         parts.append(campaign.figure(
-            "first_period", figures.draw_first_period(outcomes),
+            "first_period", angle_figures.draw_first_period(outcomes),
             "Angle over the first period after release at mid-gap (the source paper's protocol) "
             "against the settled angle. Off the dotted line, the first period still shows the "
             "transient. Right: their ratio for bumping outcomes. Measured.",
@@ -563,7 +569,7 @@ def _mode_section(campaign: Campaign) -> str:
     if sentence := _no_angle(campaign.outcomes):
         return sentence
     aspect_ratio = campaign.setting("cell", "aspect_ratio") or 1.0
-    points = figures.mode_points(campaign.outcomes, aspect_ratio)
+    points = angle_figures.mode_points(campaign.outcomes, aspect_ratio)
     right_side = (
         (points["mode"] == "bump") & (points["size_over_critical"] > 1)
         | (points["mode"] == "zigzag") & (points["size_over_critical"] < 1)
@@ -574,7 +580,7 @@ def _mode_section(campaign: Campaign) -> str:
         sentence = (f" With this size, the line puts {int(right_side.sum())} of "
                     f"{int(told.sum())} bumping or zigzagging outcomes on the right side.")
     return _row_maps(campaign) + campaign.figure(
-        "mode_map", figures.draw_mode_map(points),
+        "mode_map", angle_figures.draw_mode_map(points),
         "Migration mode (measured) against the empirical law for rigid spheres, "
         "D<sub>c</sub> = 1.4 G ε<sup>0.48</sup> (literature, band ±10 %). Cell size: diameter of "
         f"the sphere of equal volume, {number(float(points['size_um'].median()))} µm here, an "
@@ -600,7 +606,7 @@ def _row_maps(campaign: Campaign) -> str:
     if runs.empty:
         return ""
     return campaign.figure(
-        "row_maps", figures.draw_row_maps(runs),
+        "row_maps", trajectory_figures.draw_row_maps(runs),
         f"Row maps of the {len(places)} arrays that come nearest to the transition, first release "
         "of each outcome: lateral step of a row in row shifts against the height in the gap before "
         "it, a point per row. Where the points reach the dotted line, one row shift, the bump lane "
@@ -627,7 +633,7 @@ def _calibration(campaign: Campaign) -> str:
         ))
     if len(calibration):
         parts.append(campaign.figure(
-            "calibration", analysis_figures.draw_calibration(runs, calibration),
+            "calibration", calibration_figures.draw_calibration(runs, calibration),
             "Deformation index with the cell's centre in the throat, for the source paper's design "
             "(velocity rises with stiffness) and at one velocity. Small: one run per release "
             "position along the flow, the only thing varied within a group; black: mean and 95 % "
@@ -639,7 +645,7 @@ def _calibration(campaign: Campaign) -> str:
         ))
         if correlations is not None and len(correlations):
             parts.append(campaign.figure(
-                "correlations", analysis_figures.draw_correlations(correlations),
+                "correlations", calibration_figures.draw_correlations(correlations),
                 "Pearson correlations over the runs of each design; in brackets the source "
                 "paper's. Moduli and velocity rise together from group to group, so a correlation "
                 "in the first design is not the effect of one of them alone. A dash: constant. "
@@ -671,7 +677,7 @@ def _calibration(campaign: Campaign) -> str:
         ))
     if runs["deformation_index"].notna().any():
         parts.append(campaign.figure(
-            "moduli", analysis_figures.draw_moduli(runs),
+            "moduli", calibration_figures.draw_moduli(runs),
             "Deformation index of every constriction run against the moduli and the velocity of "
             "its group. The source paper reads the rise as the membrane's doing; the design at one "
             "velocity shows what is left of it. Measured.", ["constriction_runs"],
@@ -684,7 +690,7 @@ def _calibration(campaign: Campaign) -> str:
     tracks = [track for track in tracks if len(track)]
     if tracks:
         parts.append(campaign.figure(
-            "diameters", analysis_figures.draw_diameters(pd.concat(tracks), runs),
+            "diameters", calibration_figures.draw_diameters(pd.concat(tracks), runs),
             "Diameters of the cell's bounding box along the channel, and the deformation index "
             "from them; one line per run. Measured.",
             ["constriction_runs"], f", {campaign.link(folder)} ({len(tracks)} trajectories)",
@@ -719,7 +725,7 @@ def _anova(campaign: Campaign) -> str:
     ]
     if table["partial_eta_sq"].notna().any():
         parts.append(campaign.figure(
-            "effects", analysis_figures.draw_effects(table),
+            "effects", statistics_figures.draw_effects(table),
             "How strongly each term moves θ<sub>m</sub>: partial η² = SS/(SS + "
             "SS<sub>residual</sub>), and partial ω², which allows for degrees of freedom. Filled: "
             "p &lt; 0.05 by permutation of whole geometries. The source paper's interactions are "
@@ -763,7 +769,7 @@ def _anova(campaign: Campaign) -> str:
         columns = {"residuals": _texts(tests["test"])}
         for model in found["model"].unique():
             by_test = found[found["model"] == model].set_index("test")
-            columns[analysis_figures.MODEL_TITLE.get(model, model)] = [
+            columns[statistics_figures.MODEL_TITLE.get(model, model)] = [
                 NOT_MEASURED if name not in by_test.index else
                 number(float(by_test.loc[name, "statistic"]))
                 + ("" if pd.isna(by_test.loc[name, "p_value"]) else
@@ -779,7 +785,7 @@ def _anova(campaign: Campaign) -> str:
     if "sobol" in campaign and len(campaign["sobol"]):
         inside = campaign["sobol"]["inside_share"].iloc[0]
         parts.append(campaign.figure(
-            "sobol", analysis_figures.draw_sobol(campaign["sobol"]),
+            "sobol", surrogate_figures.draw_sobol(campaign["sobol"]),
             "Sobol indices of the surrogate, inputs independent and uniform over the sweep, with "
             f"95 % bootstrap intervals; {_percent(inside)} of the points lie inside the domain. "
             "Total minus first order is what an input does together with others. Unlike an "
@@ -799,7 +805,7 @@ def _robustness(campaign: Campaign) -> str:
     best = table[table["robust"].astype(bool)].sort_values("stability_score_deg2")
     parts = [
         campaign.figure(
-            "robustness_map", analysis_figures.draw_robustness(table),
+            "robustness_map", statistics_figures.draw_robustness(table),
             "Robustness map. Number: θ<sub>m</sub> averaged over the stiffness sets. Colour: "
             "stability score, mean squared change of that angle to the neighbouring arrays of the "
             "sweep, one parameter changed at a time; low is stable. Frame: the most stable 15 %. "
@@ -833,7 +839,7 @@ def _robustness(campaign: Campaign) -> str:
         wrong = int((risk.drop_duplicates([*GEOMETRY, "stiffness_set"]).eval(
             "predicted_mode != simulated_mode")).sum())
         parts.append(campaign.figure(
-            "fabrication", analysis_figures.draw_fabrication(risk),
+            "fabrication", statistics_figures.draw_fabrication(risk),
             "What a designer needs instead: probability that pillars too thick or too thin, all "
             "alike (P<sub>r</sub> ± standard deviation, pitch kept, so that the gap changes by "
             "twice as much the other way), change the mode; the worst of the stiffness sets. By "
@@ -841,7 +847,7 @@ def _robustness(campaign: Campaign) -> str:
             f"At nominal size the surrogate's mode differs from the simulated one in {wrong} of "
             f"{len(risk.drop_duplicates([*GEOMETRY, 'stiffness_set']))} runs.", ["fabrication"],
         ))
-        worst = analysis_figures.worst_risk(risk)
+        worst = statistics_figures.worst_risk(risk)
         parts.append(campaign.table(
             {"error of <i>P</i><sub>r</sub> [µm]": _numbers(ordered_errors(worst)),
              "arrays that keep their mode with 95 %": [
@@ -873,9 +879,9 @@ def _benchmark(campaign: Campaign) -> str:
     benchmark, predictions = campaign["benchmark"], campaign["predictions"]
     if predictions.empty:
         return '<p class="absent">The benchmark holds no prediction.</p>'
-    scores = analysis_figures.pooled_scores(predictions)
+    scores = surrogate_figures.pooled_scores(predictions)
     models = list(dict.fromkeys(scores["model"]))
-    splits = [s for s in analysis_figures.SPLIT_COLOUR if (scores["split"] == s).any()]
+    splits = [s for s in surrogate_figures.SPLIT_COLOUR if (scores["split"] == s).any()]
     columns: dict[str, list[str]] = {"model": _texts(models)}
     for split in splits:
         folds = benchmark[benchmark["split"] == split].groupby("model")
@@ -900,7 +906,7 @@ def _benchmark(campaign: Campaign) -> str:
         "will do. Settings are chosen by cross-validation within the training data. “Bounded” "
         "models predict the share of the bump displacement and know its two limits.</p>",
         campaign.figure(
-            "benchmark", analysis_figures.draw_benchmark(scores, benchmark),
+            "benchmark", surrogate_figures.draw_benchmark(scores, benchmark),
             "Error of the regressors on held-out runs. Large markers: all held-out predictions "
             "together, for R² with the range over repeated splits; bars: single folds. The source "
             "paper's R² = 0.9999 comes from a random split.", ["benchmark", "predictions"],
@@ -911,12 +917,12 @@ def _benchmark(campaign: Campaign) -> str:
             ["benchmark", "predictions"],
         ),
         campaign.figure(
-            "parity", analysis_figures.draw_parity(predictions, scores, best),
+            "parity", surrogate_figures.draw_parity(predictions, scores, best),
             f"Held-out predictions of {text(best)}, the best by geometry, against the simulated "
             "angle.", ["predictions"],
         ),
         campaign.figure(
-            "residuals", analysis_figures.draw_residuals(predictions, campaign.outcomes, best),
+            "residuals", surrogate_figures.draw_residuals(predictions, campaign.outcomes, best),
             f"Residuals of {text(best)} on arrays held out. The source paper's are a narrow band "
             "about zero, from a random split; here they are widest between the limits, where an "
             "array decides between zigzag and bump.", ["predictions", "outcomes"],
@@ -925,7 +931,7 @@ def _benchmark(campaign: Campaign) -> str:
     if "partial_dependence" in campaign and len(campaign["partial_dependence"]):
         parts.append(campaign.figure(
             "partial_dependence",
-            analysis_figures.draw_partial_dependence(campaign["partial_dependence"]),
+            surrogate_figures.draw_partial_dependence(campaign["partial_dependence"]),
             "Interaction of pairs of inputs after the surrogate: mean prediction with the others "
             "as in the outcomes, over combinations inside the domain; blank where there is none. "
             "The source paper's maps of (<i>N</i><sub>p</sub>, <i>P</i><sub>g</sub>) and "
@@ -1000,8 +1006,8 @@ def _both(table: pd.DataFrame, name: str, decimals: int = 2) -> list[str]:
     """Values of both cell types, with their modes."""
     pairs = zip(table[f"{name}_1_deg"], table["mode_1"], table[f"{name}_2_deg"], table["mode_2"],
                 strict=True)
-    return [f"{fixed(a, decimals)} {figures.mode_name(m)},<br>"
-            f"{fixed(b, decimals)} {figures.mode_name(n)}" for a, m, b, n in pairs]
+    return [f"{fixed(a, decimals)} {style.mode_name(m)},<br>"
+            f"{fixed(b, decimals)} {style.mode_name(n)}" for a, m, b, n in pairs]
 
 
 def _range(table: pd.DataFrame, low: str, high: str) -> list[str]:
@@ -1082,7 +1088,7 @@ def _verified(campaign: Campaign) -> list[str]:
             "simulated [°]": [
                 fixed(s, 2) + (f" ± {fixed(u, 2)}" if pd.notna(u) else "")
                 for s, u in zip(rows["simulated_deg"], rows["sigma_num_deg"], strict=True)],
-            "mode": map(figures.mode_name, rows["mode"]), "verdict": _texts(rows["verdict"]),
+            "mode": map(style.mode_name, rows["mode"]), "verdict": _texts(rows["verdict"]),
             "note": _texts(rows["note"]),
         },
         "All outcomes of the verification. Shaded: the prediction was missed, or no angle.",
@@ -1106,7 +1112,7 @@ def _picture(path: Path) -> str:
 def _candidates(campaign: Campaign) -> list[str]:
     designs = campaign["designs"]
     parts = [campaign.figure(
-        "designs", figures.draw_designs(designs),
+        "designs", design_figures.draw_designs(designs),
         "Candidates, predicted by the surrogate and not simulated. Line: range of the separation "
         "over the fabrication tolerance on <i>P</i><sub>r</sub> and <i>P</i><sub>g</sub>. Shade: "
         "half-width of the 90 % prediction interval of the difference; a separation inside the "
@@ -1202,7 +1208,7 @@ def _flow(campaign: Campaign) -> str:
     worst = float(table["lateral_flux_ratio"].abs().max())
     return "\n".join([
         campaign.figure(
-            "flows", figures.draw_flows(table),
+            "flows", flow_figures.draw_flows(table),
             "Flow through the arrays without a cell. Left: permeability along x. Right: angle by "
             "which the stream would leave the x axis under a force along x alone. With the drive "
             f"of the runs, the lateral flux is at most {number(worst, 2)} of the axial one. "
@@ -1259,7 +1265,7 @@ def _numerics(campaign: Campaign) -> str:
     left_out = runs["left_out"].fillna("").replace("", "nothing").value_counts()
     return "\n".join([
         campaign.figure(
-            "numerics", figures.draw_numerics(runs),
+            "numerics", flow_figures.draw_numerics(runs),
             "Cost and conservation. Left: wall time of a step. Middle: share of runs whose largest "
             "drift of volume or area stays below the value; dotted: 2 %. Right: wall time of each "
             "run by migration mode. Measured.", ["runs"],
@@ -1708,7 +1714,7 @@ def _all_outcomes(campaign: Campaign) -> str:
     table = campaign.table(
         {
             "outcome": _texts(outcomes["outcome_id"]), "status": _texts(outcomes["status"]),
-            "mode": [figures.mode_name(mode) for mode in outcomes["mode"]],
+            "mode": [style.mode_name(mode) for mode in outcomes["mode"]],
             "θ<sub>m</sub> [°]": [
                 fixed(a, 2) + (f" ± {fixed(s, 2)}" if pd.notna(s) else "") for a, s in zip(
                     outcomes["migration_angle_deg"], outcomes["sigma_num_deg"], strict=True)],
@@ -1728,7 +1734,7 @@ def _all_outcomes(campaign: Campaign) -> str:
         "All outcomes. ± σ<sub>num</sub>; spread: largest minus least angle over the releases; "
         "bump, mixed, zigzag: shares of the flux of cells; distance from the transition: largest "
         "lateral step in row shifts, less one. Shaded: undecided, or without an angle.",
-        ["outcomes"], ~figures.settled(outcomes),
+        ["outcomes"], ~style.settled(outcomes),
     )
     return (f"<details><summary>Table of all {len(outcomes)} outcomes</summary>\n{table}\n"
             "</details>")
@@ -1739,7 +1745,7 @@ def _all_runs(campaign: Campaign) -> str:
     table = campaign.table(
         {
             "run": _texts(runs["run_id"]), "status": _texts(runs["status"]),
-            "mode": [figures.mode_name(mode) for mode in runs["mode"]],
+            "mode": [style.mode_name(mode) for mode in runs["mode"]],
             "θ<sub>m</sub> [°]": _angles(runs["migration_angle_deg"]),
             "95 % interval [°]": _interval(runs["angle_low_deg"], runs["angle_high_deg"]),
             "first period [°]": _angles(runs["first_period_angle_deg"]),
@@ -1752,7 +1758,7 @@ def _all_runs(campaign: Campaign) -> str:
             "why it stopped": _texts(runs["stop_reason"]),
         },
         "All runs, each from one place of release (y: gap fraction). Shaded: not settled, or "
-        "broken off.", ["runs"], ~figures.settled(runs),
+        "broken off.", ["runs"], ~style.settled(runs),
     )
     return f"<details><summary>Table of all {len(runs)} runs</summary>\n{table}\n</details>"
 

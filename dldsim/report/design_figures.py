@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dldsim.report.figures import GREY, dot, key, legend, multiples, styled
+from dldsim.report.style import GREY, dot, key, legend, multiples, styled
 
 PARAMETERS = {"pillar_radius_um": "$P_r$ [µm]", "gap_um": "$P_g$ [µm]", "periodicity": "$N_p$"}
 ROLE_COLOUR = {
@@ -48,6 +48,37 @@ def parallel_lines(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, tuple[
     scaled = {name: (good[name] - low) / (high - low) if high > low else 0.5 + 0 * good[name]
               for name, (low, high) in ends.items()}
     return pd.DataFrame(scaled), ends
+
+
+@styled
+def draw_designs(designs: pd.DataFrame) -> Figure:
+    """Ranked designs: separation with its range over the fabrication tolerance, and uncertainty."""
+    requests = list(dict.fromkeys(designs["request"]))
+    tallest = designs.groupby("request").size().max()
+    figure, panels = multiples(len(requests), 2, 9.2, 1.1 + 0.34 * tallest)
+    for panel, request in zip(panels, requests, strict=True):
+        part = designs[designs["request"] == request].sort_values("rank", ascending=False)
+        places = np.arange(len(part))
+        panel.barh(places, part["uncertainty_deg"], height=0.8, color="#E8E4D8")
+        panel.hlines(places, part["separation_tolerance_min_deg"],
+                     part["separation_tolerance_max_deg"], color="#0072B2", linewidth=2.2)
+        inside = part["inside_training_domain"].astype(bool).to_numpy()
+        for filled in (True, False):
+            dot(panel, part["separation_deg"][inside == filled], places[inside == filled],
+                 "#0072B2", "o", filled, markersize=6)
+        panel.set_yticks(places, [
+            f"{row['rank']}:  $P_r$ {row['pillar_radius_um']:.3g}, $P_g$ {row['gap_um']:.3g} µm, "
+            f"$N_p$ {row['periodicity']}" for _, row in part.iterrows()
+        ])
+        panel.grid(axis="y", visible=False)
+        panel.set_title(request)
+        panel.set(xlabel="predicted separation [°]", xlim=(0, None))
+    handles = [key("#0072B2", "o", label="nominal"),
+               key("#0072B2", "o", filled=False, label="outside training domain"),
+               key("#0072B2", line="-", label="over fabrication tolerance"),
+               key("#E8E4D8", "s", label="uncertainty of a difference")]
+    legend(figure, handles)
+    return figure
 
 
 @styled

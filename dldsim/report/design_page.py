@@ -5,7 +5,7 @@ import html
 import json
 from pathlib import Path
 
-from dldsim.report import campaign_page, figures
+from dldsim.report import campaign_page, style
 from dldsim.tables.parquet import atomic_path, describe, read_table
 
 KINDS = ("designs", "design_trials", "design_tolerances", "design_importance", "design_slices",
@@ -17,7 +17,7 @@ class _Page(campaign_page.Campaign):
 
     def figure(self, name: str, figure, caption: str, kinds=(), extra: str = "") -> str:
         self.figure_count += 1
-        return _embedded(name, figures.render(figure, "svg"), "svg+xml",
+        return _embedded(name, style.render(figure, "svg"), "svg+xml",
                          round(figure.get_figwidth() * 100),
                          f"<b>Figure {self.figure_count}.</b> {caption}")
 

@@ -10,8 +10,16 @@ import pytest
 
 from dldsim.analysis.calibration import calibrate, correlations
 from dldsim.errors import DldsimError
-from dldsim.report import analysis_figures, campaign_page, figures
+from dldsim.report import (
+    angle_figures,
+    calibration_figures,
+    campaign_page,
+    style,
+    surrogate_figures,
+    trajectory_figures,
+)
 from dldsim.tables.parquet import COLUMNS, write_csv, write_table
+from dldsim.vocabulary import SETTLED
 from tests.report.design_tables import make_design_tables
 
 PROVENANCE = {"config_hash": "0123abcd", "seed": 7}
@@ -105,7 +113,7 @@ def make_outcome(runs: list[dict]) -> dict:
     modes = [run["mode"] for run in runs]
     coexisting = len(set(modes)) > 1
     known = first["migration_angle_deg"] is not None
-    shares = {f"share_{m}": modes.count(m) / len(modes) for m in (*figures.MODES[:3], "none")}
+    shares = {f"share_{m}": modes.count(m) / len(modes) for m in (*style.MODES[:3], "none")}
     names = {c.name for c in COLUMNS["outcomes"]}
     return {name: value for name, value in first.items() if name in names} | shares | {
         "status": "coexisting" if coexisting else status, "coexisting": coexisting,
@@ -220,7 +228,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
         columns={"migration_angle_deg": "mean_migration_angle_deg"}
     ).assign(stability_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)), neighbours=3,
              robust=lambda t: np.arange(len(t)) == 1, modes="bump 2, zigzag 1")  # fmt: skip
-    learnt = figures.measured(tables["outcomes"])
+    learnt = style.measured(tables["outcomes"])
     errors = {"XGBoost": 0.3, "Random forest": 0.5, "Linear": 1.6}
     benchmark, predictions = [], []
     for model, error in errors.items():
@@ -578,29 +586,30 @@ def test_probability_and_duration_format():
 
 
 def test_critical_size_ratio():
-    assert figures.critical_size_ratio(0.1) == pytest.approx(1.4 * 0.1**0.48)
-    assert figures.critical_size_ratio([0.05, 0.2]) == pytest.approx([0.3324, 0.6466], 1e-3)
+    assert angle_figures.critical_size_ratio(0.1) == pytest.approx(1.4 * 0.1**0.48)
+    assert angle_figures.critical_size_ratio([0.05, 0.2]) == pytest.approx([0.3324, 0.6466], 1e-3)
 
 
 def test_volume_equivalent_diameter():
-    volume = np.pi / 6 * figures.volume_equivalent_diameter("biconcave", 3.91, 1.0) ** 3
+    volume = np.pi / 6 * angle_figures.volume_equivalent_diameter("biconcave", 3.91, 1.0) ** 3
     assert volume == pytest.approx(94.1, abs=0.1)  # µm³, Evans & Fung 1972
-    assert figures.volume_equivalent_diameter("sphere", 7.5, 0.3) == pytest.approx(15)
-    assert figures.volume_equivalent_diameter("ellipsoid", 4.0, 0.125) == pytest.approx(4)
+    assert angle_figures.volume_equivalent_diameter("sphere", 7.5, 0.3) == pytest.approx(15)
+    assert angle_figures.volume_equivalent_diameter("ellipsoid", 4.0, 0.125) == pytest.approx(4)
 
 
 def test_cumulated_row_shifts_of_a_full_bump_count_rows():
     run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "lateral_steps_um": [4.5] * 6}
-    assert figures.cumulated_row_shifts(run).tolist() == pytest.approx([0, 1, 2, 3, 4, 5, 6])
+    total = trajectory_figures.cumulated_row_shifts(run)
+    assert total.tolist() == pytest.approx([0, 1, 2, 3, 4, 5, 6])
 
 
 def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
     run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0,
            "release_gap_fraction": 0.5}  # fmt: skip
-    height, steps = figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
+    height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
     assert height.tolist() == pytest.approx([0.5] * 6) and steps.tolist() == pytest.approx([1] * 6)
     # Straight on, the pillars climb by a quarter of the gap per row.
-    height, steps = figures.row_map({**run, "lateral_steps_um": [0.0] * 9})
+    height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [0.0] * 9})
     expected = [0.5, 0.25, 0.0, -0.25, -0.5, -0.75, -1.0, 0.75, 0.5]
     assert (height - expected) % 2 == pytest.approx(0, abs=1e-9)
     assert ((-1 <= height) & (height <= 1)).all() and not steps.any()
@@ -613,7 +622,7 @@ def test_row_maps_show_every_row_of_every_run():
     runs = [{**row, "run_id": "a", "lateral_steps_um": steps},
             {**row, "run_id": "b", "lateral_steps_um": steps[:2]},
             {**row, "run_id": "c", "gap_um": 20.0, "lateral_steps_um": steps}]  # fmt: skip
-    figure = figures.draw_row_maps(pd.DataFrame(runs))
+    figure = trajectory_figures.draw_row_maps(pd.DataFrame(runs))
     points = [[len(line.get_xdata()) for line in axes.lines[1:]] for axes in figure.axes]
     assert points == [[3, 2], [3]]
 
@@ -622,14 +631,14 @@ def test_gap_height_is_constant_when_the_cell_follows_the_rows():
     run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0}
     x = np.linspace(12.0, 300.0, 500)
     track = pd.DataFrame({"x_um": x, "y_um": 9.0 + 4.5 + 4.5 * x / 36.0})
-    rows, heights = figures.gap_heights(track, run)
+    rows, heights = trajectory_figures.gap_heights(track, run)
     assert rows.tolist() == list(range(1, 9))
     assert heights == pytest.approx(np.full(8, 0.25))
 
 
 def test_pillars_stand_on_the_shifted_lattice():
     run = {"pitch_um": 30.0, "row_shift_fraction": 0.2, "pillar_radius_um": 5.0}
-    centres = figures.pillar_centres(run, (-1.0, 61.0), (0.0, 40.0))
+    centres = trajectory_figures.pillar_centres(run, (-1.0, 61.0), (0.0, 40.0))
     rows = np.round(centres[:, 0] / 30.0)
     lanes = (centres[:, 1] - 6.0 * rows) / 30.0
     assert centres[:, 0] == pytest.approx(30.0 * rows) and lanes == pytest.approx(np.round(lanes))
@@ -639,11 +648,11 @@ def test_pillars_stand_on_the_shifted_lattice():
 
 def test_picked_trajectories_show_each_mode_and_prefer_settled_runs(campaign):
     runs = campaign[0]["runs"]
-    picked = dict(figures.pick_trajectories(runs))
+    picked = dict(trajectory_figures.pick_trajectories(runs))
     for mode in ("bump", "zigzag"):
         [run_id] = picked[f"{mode} mode"]
         run = runs.set_index("run_id").loc[run_id]
-        assert run["mode"] == mode and run["status"] in figures.SETTLED
+        assert run["mode"] == mode and run["status"] in SETTLED
 
 
 @pytest.mark.parametrize("status", ["converged", "undecided"])
@@ -655,7 +664,8 @@ def test_sets_are_shown_to_part_only_if_settled_from_every_place(status):
          "status": status if (name, place) == ("5", 0.2) else "periodic"}
         for name, mode, angle in (("1", "bump", 5.71), ("5", "mixed", 1.0)) for place in (0.5, 0.2)
     ])  # fmt: skip
-    pairs = [ids for heading, ids in figures.pick_trajectories(runs) if "apart" in heading]
+    picked = trajectory_figures.pick_trajectories(runs)
+    pairs = [ids for heading, ids in picked if "apart" in heading]
     assert pairs == ([["s1_y0.5", "s5_y0.5"]] if status == "converged" else [])
 
 
@@ -663,17 +673,17 @@ def test_trajectory_panel_shows_a_period_in_true_proportion(campaign):
     tables, _ = campaign
     runs, tracks = tables["runs"], tables["trajectory"]
     run = runs[runs["mode"] == "bump"].iloc[0]
-    panel = figures.trajectory_panel("bump", [run["run_id"]], runs, tracks)
+    panel = trajectory_figures.trajectory_panel("bump", [run["run_id"]], runs, tracks)
     assert np.ptp(panel.paths[0]["x"]) >= run["periodicity"] * run["pitch_um"]
-    axes = figures.draw_trajectories([panel]).axes[0]
+    axes = trajectory_figures.draw_trajectories([panel]).axes[0]
     box = axes.get_window_extent()
     scale = box.width / np.ptp(panel.xlim) / (box.height / np.ptp(panel.ylim))
     assert scale == pytest.approx(1, rel=1e-3)
 
 
 def test_mode_points_place_outcomes_against_the_critical_diameter(campaign):
-    points = figures.mode_points(campaign[0]["outcomes"], 1.0)
-    assert len(points) == len(figures.measured(campaign[0]["outcomes"]))
+    points = angle_figures.mode_points(campaign[0]["outcomes"], 1.0)
+    assert len(points) == len(style.measured(campaign[0]["outcomes"]))
     run = points.iloc[0]
     law = 1.4 * run["gap_um"] * run["periodicity"] ** -0.48
     assert run["size_over_critical"] == pytest.approx(run["size_um"] / law)
@@ -685,7 +695,7 @@ def test_pooled_scores():
         "observed_deg": [0.0, 2.0, 4.0, 6.0, 1.0, 3.0],
         "predicted_deg": [1.0, 1.0, 5.0, 5.0, 1.5, 3.5],
     })  # fmt: skip
-    scores = analysis_figures.pooled_scores(predictions).set_index("model")
+    scores = surrogate_figures.pooled_scores(predictions).set_index("model")
     assert list(scores.index) == ["B", "A"]  # best by geometry first
     assert scores.loc["A", ["rmse_deg", "mae_deg", "r2"]].tolist() == pytest.approx([1, 1, 0.8])
     assert scores.loc["B", "rmse_deg"] == pytest.approx(0.5)
@@ -694,7 +704,7 @@ def test_pooled_scores():
 def test_correlation_matrix_is_symmetric():
     pairs = pd.DataFrame({
         "variable_a": ["x", "x"], "variable_b": ["y", "z"], "pearson_r": [0.5, None]})
-    matrix = analysis_figures.correlation_matrix(pairs)
+    matrix = calibration_figures.correlation_matrix(pairs)
     assert matrix.loc["y", "x"] == matrix.loc["x", "y"] == 0.5
     assert matrix.loc["z", "z"] == 1 and np.isnan(matrix.loc["y", "z"])
 
@@ -702,14 +712,14 @@ def test_correlation_matrix_is_symmetric():
 def test_angles_of_an_aliased_sweep_are_drawn_against_periodicity():
     rng = np.random.default_rng(0)
     rows = [make_run(r, r + 10, n, s, rng)[0] for r in (4.0, 8.0) for n in (4, 8) for s in SETS]
-    figure = figures.draw_angles(pd.DataFrame([make_outcome([row]) for row in rows]))
+    figure = angle_figures.draw_angles(pd.DataFrame([make_outcome([row]) for row in rows]))
     assert [axes.get_xlabel() for axes in figure.axes] == ["periodicity $N_p$"] * 2
 
 
 def test_equal_figures_give_equal_files(campaign):
-    scores = analysis_figures.pooled_scores(campaign[0]["predictions"])
+    scores = surrogate_figures.pooled_scores(campaign[0]["predictions"])
     first, second = (
-        figures.render(analysis_figures.draw_benchmark(scores, campaign[0]["benchmark"]), "svg")
+        style.render(surrogate_figures.draw_benchmark(scores, campaign[0]["benchmark"]), "svg")
         for _ in range(2)
     )
     assert first == second
@@ -725,6 +735,6 @@ def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(campaign):
     whole = trajectories[trajectories["run_id"] == short]
     cut = whole["x_um"].min() + 0.2 * np.ptp(whole["x_um"])
     kept = (trajectories["run_id"] != short) | (trajectories["x_um"] <= cut)
-    panel = figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
+    panel = trajectory_figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
     assert all(len(path["x"]) > 1 for path in panel.paths)
     assert all(path["x"].max() <= cut for path in panel.paths)
