@@ -17,6 +17,8 @@ ROLE_NAME = {
     "design": "design", "transition": "array near a mode transition",
     "finer": "design, finer lattice", "height": "best design, other height",
 }  # fmt: skip
+TELLING, UNINFORMATIVE = "#A9B0B8", "#EBE3CF"
+"""Colours of prediction intervals that tell the order of the cells, and of those that do not."""
 AFTERWARDS = {"finer": 1, "height": 2}
 """Roles that follow the rounds, in this order."""
 
@@ -37,6 +39,11 @@ def rounds_of(verifications: pd.DataFrame) -> pd.DataFrame:
     table = table.sort_values(["order", "late", "round", "array", "height_um"], kind="stable")
     place = table.groupby("request").cumcount()
     return table.assign(place=place).drop(columns=["order", "late"])
+
+
+def tells_order(verifications: pd.DataFrame) -> pd.Series:
+    """Whether the predicted interval of a difference leaves out zero."""
+    return (verifications["predicted_low_deg"] >= 0) | (verifications["predicted_high_deg"] <= 0)
 
 
 def parallel_lines(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, tuple[float, float]]]:
@@ -183,8 +190,11 @@ def draw_rounds(verifications: pd.DataFrame) -> Figure:
     for panel, request in zip(panels, requests, strict=True):
         part = table[table["request"] == request]
         panel.axhline(0, color="#444444", linewidth=0.8)
-        panel.vlines(part["place"], part["predicted_low_deg"], part["predicted_high_deg"],
-                     color="#C9CDD2", linewidth=7)
+        tells = tells_order(part)
+        for known, colour in ((True, TELLING), (False, UNINFORMATIVE)):
+            bars = part[tells == known]
+            panel.vlines(bars["place"], bars["predicted_low_deg"], bars["predicted_high_deg"],
+                         color=colour, linewidth=7)
         panel.plot(part["place"], part["predicted_deg"], "_", color="black", markersize=9)
         for _, row in part[part["simulated_deg"].notna()].iterrows():
             colour = ROLE_COLOUR[row["role"]]
@@ -208,7 +218,9 @@ def draw_rounds(verifications: pd.DataFrame) -> Figure:
     legend(figure, [
         *(key(ROLE_COLOUR[r], ROLE_MARKER[r], label=ROLE_NAME[r]) for r in ROLE_COLOUR),
         key(GREY, "o", filled=False, label="prediction missed"),
-        key("#C9CDD2", "s", label="90 % prediction interval"), key("black", "_", label="predicted"),
+        key(TELLING, "s", label="90 % prediction interval"),
+        key(UNINFORMATIVE, "s", label="the same, includes zero: uninformative"),
+        key("black", "_", label="predicted"),
         key("#D55E00", "x", label="no angle"),
     ], ncols=4)  # fmt: skip
     return figure
