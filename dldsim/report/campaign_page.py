@@ -12,6 +12,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from dldsim.errors import DldsimError
 from dldsim.report.formats import listing
 from dldsim.report.inputs import TABLES, Missing, read_inputs
 from dldsim.report.page import Grid, Page, Section, render_sections, write_page
@@ -84,6 +85,20 @@ def make_report(results_dir: Path, output: Path, config: Mapping[str, Any]) -> N
     write_page(page, title=f"{name}: deformable cells in DLD arrays", heading=name, contents=True,
                lead=_lead(page), scope=designs.scope(page), sections=shown,
                notices=_notices(page, missing, inputs.outdated))
+
+
+def renew_report(results_dir: Path, config: Mapping[str, Any]) -> str:
+    """After a failure: the report of what there is in place of an older one; says what came of it.
+
+    Where there is nothing to show, an older report is removed.
+    """
+    output = Path(results_dir) / "report.html"
+    try:
+        make_report(results_dir, output, config)
+    except DldsimError as error:
+        output.unlink(missing_ok=True)
+        return f"No report: {error}"
+    return f"The report of what there is, with what is missing and why: {output}"
 
 
 def _grid(page: Page, missing: list[Missing]) -> Grid:

@@ -1,14 +1,21 @@
 """The report against a small made-up campaign: numbers, labels, escapes, links, missing tables."""
 
+import json
+import os
 import re
+import shutil
+import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import Markup
 
+import dldsim
 from dldsim.analysis.calibration import calibrate, correlations
+from dldsim.analysis.regressors import SURROGATE
 from dldsim.errors import DldsimError
 from dldsim.report import (
     angle_figures,
@@ -18,6 +25,10 @@ from dldsim.report import (
     surrogate_figures,
     trajectory_figures,
 )
+from dldsim.report import page as report_page
+from dldsim.report.formats import duration, number, probability
+from dldsim.report.inputs import CARD, STUDIES, TABLES
+from dldsim.report.sections import summary
 from dldsim.tables.parquet import COLUMNS, write_csv, write_table
 from dldsim.vocabulary import SETTLED
 from tests.report.design_tables import make_design_tables
@@ -269,7 +280,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
     ])  # fmt: skip
     tables |= accuracy_tables() | {"stability": stability_table()}
     for kind, table in tables.items():
-        path = folder / campaign_page.TABLES[kind][0]
+        path = folder / TABLES[kind][0]
         write_table(kind, table, path, PROVENANCE)
         if kind != "trajectory":
             write_csv(kind, path)
@@ -403,7 +414,7 @@ def test_status_table_counts_the_outcomes(campaign):
     outcomes = tables["outcomes"]
     statuses = outcomes["status"].value_counts()
     # the made-up campaign has them all
-    assert set(statuses.index) == set(campaign_page.STATUS_MEANING)
+    assert set(statuses.index) == set(summary.STATUS_MEANING)
     head = page.row("status")
     for status, count in statuses.items():
         row = dict(zip(head, page.row(status), strict=True))
@@ -412,7 +423,7 @@ def test_status_table_counts_the_outcomes(campaign):
         for mode in ("bump", "mixed", "zigzag"):
             assert row[mode] == str((of_status == mode).sum())
     statuses = tables["runs"]["status"].value_counts()
-    assert set(statuses.index) == set(campaign_page.RUN_MEANING)
+    assert set(statuses.index) == set(summary.RUN_MEANING)
     for status in ("converged", "periodic", "stationary"):
         assert page.row(status)[1] == str(statuses[status])
 
@@ -469,7 +480,7 @@ def test_every_link_leads_somewhere(campaign):
     assert all(f'id="{anchor}"' in page.raw for anchor in inside)
     assert all((page.path.parent / link).exists() for link in files)
     linked = {link for link in files if link.endswith(".parquet")}
-    assert linked == {name for name, _ in campaign_page.TABLES.values()}
+    assert linked == {name for name, _ in TABLES.values()}
 
 
 def test_each_figure_is_saved_as_png_and_svg(campaign):
@@ -485,26 +496,34 @@ def test_benchmark_table_keeps_the_splits_apart(campaign):
     tables, page = campaign
     folds = tables["benchmark"]
     of_model = folds[folds["model"] == "XGBoost"].groupby("split")["rmse_deg"]
-    row = page.row("XGBoost")
-    for cell, split in ((row[2], "random"), (row[7], "geometry")):
+    rows = [row for row in page.rows if row[0] == "XGBoost"]
+    for row, split in zip(rows, ("geometry", "random", "stiffness"), strict=True):
         mean, spread = of_model.mean()[split], of_model.std()[split]
-        assert cell == f"{campaign_page.number(mean, 2)} ± {campaign_page.number(spread, 2)}"
+        assert row[2] == f"{number(mean, 2)} ± {number(spread, 2)}"
 
 
 def test_design_table_shows_separation_with_uncertainty(campaign):
     _, page = campaign
     [row] = [row for row in page.rows if "2.50 to 4.40" in row]
-    assert row[5:8] == ["4.00 ± 1.70", "–", "2.50 to 4.40"] and row[-2:] == ["yes", "resolved"]
+    assert row[5:8] == ["4.00 ± 1.70", "–", "2.50 to 4.40"]
+    assert page.rows[page.rows.index(row) + 1] == ["resolved"]
 
 
 def test_verified_designs_show_simulation_beside_prediction(campaign):
     _, page = campaign
-    row = next(r for r in page.rows if "made-up-1" in r)
-    assert "2.80" in row and "3.00 ± 0.30" in row and "4.00 ± 3.50" in row and "2.50, –" in row
-    assert row[-1] == "separates by 3.00 ± 0.30°; prediction confirmed"
+    row, checks = (r for r in page.rows if "made-up-1" in r)
+    assert "3.00 ± 0.30" in row and "7.00" in row and "14.30" in row and "8" in row
+    assert checks[2:] == ["4.00 ± 3.50", "3.00 ± 0.30", "2.80", "2.00 to 4.50", "2.50, –"]
+    verdict = page.rows[page.rows.index(row) + 1]
+    assert verdict == ["separates by 3.00 ± 0.30°; prediction confirmed"]
     stuck = next(r for r in page.rows if "made-up-2" in r)
-    assert stuck[-1] == "no separation measured"
-    assert "largest simulated separation of a design" in page.text
+    assert page.rows[page.rows.index(stuck) + 1] == ["no separation measured"]
+
+
+@pytest.fixture
+def blank_figures(monkeypatch):
+    """Figures are drawn and not rendered, which is most of the time that a page takes."""
+    monkeypatch.setattr(style, "render", lambda figure, kind: b"<svg/>")
 
 
 def write_campaign(folder, rows):
@@ -514,7 +533,7 @@ def write_campaign(folder, rows):
     write_table("runs", rows, folder / "runs.parquet", PROVENANCE)
 
 
-def test_report_of_broken_outcomes_alone_says_what_is_missing(tmp_path):
+def test_report_of_broken_outcomes_alone_says_what_is_missing(tmp_path, blank_figures):
     """No optional table and no angle: sentences and rules, no crash."""
     rng = np.random.default_rng(0)
     rows = [make_run(6.0, 18.0, 5, name, rng, "failed")[0] for name in SETS]
@@ -524,14 +543,20 @@ def test_report_of_broken_outcomes_alone_says_what_is_missing(tmp_path):
     write_table("runs", [], tmp_path / "runs.parquet", PROVENANCE)
     campaign_page.make_report(tmp_path, tmp_path / "page" / "report.html", {})
     page = Page(tmp_path / "page" / "report.html")
+    studies = [TABLES[kind][1] for kind in STUDIES]
+    assert f"snakemake -j2 {' '.join(studies)}" in page.text
+    for chapter in ("Validation", "Stability", "Analysis of variance"):
+        assert f"<h2>{chapter}</h2>" not in page.raw
     assert "No outcome of this campaign has a migration angle" in page.text
-    for rule in ("trajectories", "flows", "constriction_runs", "anova", "robustness_map",
-                 "benchmark", "designs"):
-        assert f"Make it with snakemake -j2 {rule} ," in page.text
+    for name, rule in TABLES.values():
+        if name != "outcomes.parquet" and name != "runs.parquet" and rule not in studies:
+            row = page.row(name)
+            assert row[1] == f"snakemake -j2 {rule}"
+            assert page.rows[page.rows.index(row) + 1] == ["It does not exist."]
     assert all((page.path.parent / link).exists() for link in page.links if link[0] != "#")
 
 
-def test_one_mode_alone_is_called_out(tmp_path):
+def test_one_mode_alone_is_called_out(tmp_path, blank_figures):
     rng = np.random.default_rng(0)
     rows = [make_run(6.0, 12.0, n, name, rng)[0] for name in SETS for n in (8, 12)]
     assert {row["mode"] for row in rows} == {"bump"}
@@ -541,19 +566,144 @@ def test_one_mode_alone_is_called_out(tmp_path):
     assert "Every measured outcome has the same mode (bump)" in text
 
 
-def test_outcomes_and_runs_are_required(tmp_path):
-    def refused(words):
-        with pytest.raises(DldsimError, match=words):
-            campaign_page.make_report(tmp_path, tmp_path / "report.html", CONFIG)
-
-    refused(r"outcomes\.parquet does not exist.*snakemake -j2 outcomes")
+def test_nothing_to_show_is_refused_with_the_reasons(tmp_path):
     write_table("outcomes", [], tmp_path / "outcomes.parquet", PROVENANCE)
-    refused(r"runs\.parquet does not exist.*snakemake -j2 runs")
-    write_table("runs", [], tmp_path / "runs.parquet", PROVENANCE)
-    refused("has no row")
     (tmp_path / "runs.parquet").write_bytes(b"PAR1 cut short")
-    refused(r"runs\.parquet")
+    with pytest.raises(DldsimError, match="nothing to report") as refused:
+        campaign_page.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    for reason in ("outcomes.parquet: It has no row", "runs.parquet is not a readable Parquet",
+                   "flows.parquet: It does not exist"):
+        assert reason in str(refused.value)
     assert not (tmp_path / "report.html").exists()
+
+
+def lacking(page, what):
+    """Command and reason that a page gives for what it lacks."""
+    row = page.row(what)
+    return row[1], page.rows[page.rows.index(row) + 1][0]
+
+
+def test_a_report_is_made_of_what_there_is(tmp_path, blank_figures):
+    """Damaged, absent and older tables, a chapter that fails, requests that failed."""
+    rng = np.random.default_rng(0)
+    write_campaign(tmp_path, [make_run(6.0, 14.0, 8, name, rng)[0] for name in SETS])
+    tables = make_design_tables("first")
+    for kind in ("designs", "design_trials"):
+        write_table(kind, tables[kind], tmp_path / TABLES[kind][0], PROVENANCE)
+    (tmp_path / "anova.parquet").write_bytes(b"PAR1 cut short")
+    (tmp_path / "surrogate_card.json").write_text("{")
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "designs.log").write_text("searching\nsecond: no array is feasible\n")
+    os.utime(tmp_path / "designs.parquet", (1, 1))
+    config = {**CONFIG, "design_requests": [{"name": "first"}, {"name": "second"}]}
+    campaign_page.make_report(tmp_path, tmp_path / "report.html", config)
+    page = Page(tmp_path / "report.html")
+    assert "<h2>Designs</h2>" in page.raw and "<h2>Migration angle</h2>" in page.raw
+    assert "This report is not complete" in page.text
+    assert "made from earlier ones: designs.parquet." in page.text
+    assert "not a readable Parquet file" in lacking(page, "anova.parquet")[1]
+    assert "not readable as JSON" in lacking(page, "chapter “Summary”")[1]
+    command, why = lacking(page, "candidates of the request second")
+    assert command == "snakemake -j2 designs" and "second: no array is feasible" in why
+    assert "request first" not in page.text
+
+
+def test_after_a_failure_no_older_report_is_left(tmp_path, blank_figures):
+    old = tmp_path / "report.html"
+    old.write_text("old")
+    assert "nothing to report" in campaign_page.renew_report(tmp_path, CONFIG)
+    assert not old.exists()
+    old.write_text("old")
+    rng = np.random.default_rng(0)
+    write_campaign(tmp_path, [make_run(6.0, 14.0, 8, name, rng)[0] for name in SETS])
+    assert str(old) in campaign_page.renew_report(tmp_path, CONFIG)
+    assert "designs.parquet" in Page(old).text
+
+
+def test_designs_come_first_with_the_array(campaign):
+    _, page = campaign
+    assert page.raw.index("<h2>Designs</h2>") < page.raw.index("<h2>Summary</h2>")
+    head, answer, verdict = page.rows[:3]
+    assert answer[:4] == ["soft <from> stiff", "7.00", "14.30", "8"]
+    assert head[1:4] == ["Pr [µm]", "Pg [µm]", "Np"] and "3.00 ± 0.30" in answer
+    assert verdict == ["separates by 3.00 ± 0.30°; prediction confirmed"]
+    assert re.search(r"largest simulated separation of a design \(soft <from> stiff\): "
+                     r"P_r 7\.00 µm, P_g 14\.3 µm, N_p 8", page.text)
+
+
+def test_first_lines_say_what_the_designs_hold_for(campaign):
+    text = campaign[1].text
+    assert text.index("Holds for biconcave discs of radius 7.5 µm at rest in a channel 20 µm high "
+                      "at a mean velocity of 1 mm/s.") < text.index("Table 1.")
+    assert text.index("biconcave disc of that radius, 15 µm across, not a bead") < text.index(
+        "Table 1.")
+
+
+def test_tables_outside_folds_fit_the_page(campaign):
+    """Twelve columns fit a column of text of 55 rem; verdicts run below over the whole width."""
+    open_parts = re.sub(r"<details>.*?</details>", "", campaign[1].raw, flags=re.S)
+    heads = re.findall(r"<thead>(.*?)</thead>", open_parts, flags=re.S)
+    assert len(heads) > 15 and max(head.count("<th>") for head in heads) <= 12
+    assert not [head for head in heads if "<th>verdict</th>" in head and head.count("<th>") > 6]
+
+
+def test_internal_tables_are_folded(campaign):
+    open_parts = re.sub(r"<details>.*?</details>", "", campaign[1].raw, flags=re.S)
+    for caption in ("Settings and provenance.", "Numerics over all runs."):
+        assert caption in campaign[1].raw and caption not in open_parts
+
+
+def test_error_of_the_surrogate_is_one_number_and_the_other_is_explained(
+    tmp_path, blank_figures, campaign
+):
+    tables, _ = campaign
+    for kind in ("outcomes", "benchmark", "predictions"):
+        renamed = tables[kind].replace({"model": {"XGBoost": SURROGATE}})
+        write_table(kind, renamed, tmp_path / TABLES[kind][0], PROVENANCE)
+    card = Path(dldsim.__file__).parent / "data" / "campaign" / "surrogate_card.json"
+    shutil.copy(card, tmp_path)
+    error = number(json.loads(card.read_text())["scores_by_geometry"]["rmse_deg"], 2)
+    campaign_page.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    text = Page(tmp_path / "report.html").text
+    assert f"± {error}° error of the surrogate ({SURROGATE})" in re.sub(" +", " ", text)
+    assert f"The {error}° of the surrogate and the 0.99° of {SURROGATE} in the table" in text
+
+
+def rules_of(selector, text):
+    """Declarations of a selector in a part of a style sheet."""
+    return " ".join(body for names, body in re.findall(r"([^{}]+)\{([^{}]*)\}", text)
+                    if selector in [name.strip() for name in names.split(",")])
+
+
+def test_the_text_column_is_wide_and_printing_keeps_headings(campaign):
+    style = re.search(r"<style>(.*?)</style>", campaign[1].raw, flags=re.S)[1]
+    screen, printed = style.split("@media print")
+    assert "grid" not in rules_of(".page", screen)
+    assert "minmax(0, 58rem)" in rules_of(".page.with-contents", screen)
+    for heading in ("h2", "h3", "caption"):
+        assert "break-after: avoid" in rules_of(heading, printed)
+    for block in ("figure", "tr", ".table"):
+        assert "break-inside: avoid" in rules_of(block, printed)
+    assert "break-inside: auto" in rules_of(".table.long", printed)
+
+
+def test_a_page_without_contents_has_no_column_for_them(tmp_path):
+    page = report_page.Page(tmp_path, tmp_path / "a.html", {}, {})
+    for contents in (True, False):
+        report_page.write_page(page, title="t", heading="<h>", lead="", contents=contents, scope=[],
+                               notices=[], sections=[("a", "A", Markup("<p>body</p>"))])
+        raw = page.output.read_text()
+        assert ("<nav" in raw) == ("with-contents\"" in raw) == contents
+        assert "<h1>&lt;h&gt;</h1>" in raw and "<p>body</p>" in raw
+
+
+def test_templates_come_with_the_package():
+    root = Path(dldsim.__file__).parent
+    project = tomllib.loads((root.parent / "pyproject.toml").read_text())
+    patterns = project["tool"]["setuptools"]["package-data"]["dldsim"]
+    packaged = {path for pattern in patterns for path in root.glob(pattern)}
+    files = {path for path in (root / "report").rglob("*") if path.suffix in (".html", ".css")}
+    assert len(files) > 20 and files <= packaged
 
 
 def test_rules_named_for_missing_tables_make_them():
@@ -561,7 +711,7 @@ def test_rules_named_for_missing_tables_make_them():
     for path in (Path(__file__).parents[2] / "workflow" / "rules").glob("*.smk"):
         _, *blocks = re.split(r"^rule (\w+):", path.read_text(), flags=re.M)
         rules |= dict(zip(blocks[::2], blocks[1::2], strict=True))
-    for name, rule in campaign_page.TABLES.values():
+    for name, rule in (*TABLES.values(), CARD):
         assert f"/{name}" in rules[rule].split("output:")[1]
 
 
@@ -572,13 +722,13 @@ def test_rules_named_for_missing_tables_make_them():
      (float("nan"), 3, "–"), (True, 3, "yes"), (2.5e7, 3, "2.50 × 10⁷")],
 )  # fmt: skip
 def test_number_format(value, digits, shown):
-    assert campaign_page.number(value, digits).replace("\u202f", " ") == shown
+    assert number(value, digits).replace("\u202f", " ") == shown
 
 
 def test_probability_and_duration_format():
-    assert [campaign_page.probability(p) for p in (0.25, 4.4e-12, 0.0, None)] == [
+    assert [probability(p) for p in (0.25, 4.4e-12, 0.0, None)] == [
         "0.250", "4.4 × 10⁻¹²", "< 10⁻³⁰⁰", "–"]
-    assert [campaign_page.duration(s) for s in (47.0, 930.0, 12000.0)] == [
+    assert [duration(s) for s in (47.0, 930.0, 12000.0)] == [
         "47 s", "16 min", "3.33 h"]
 
 

@@ -5,6 +5,7 @@ import json
 import pandas as pd
 
 from dldsim.analysis.regressors import SURROGATE
+from dldsim.errors import DldsimError
 from dldsim.report.formats import counted, duration, listing, number, numbers, texts
 from dldsim.report.page import Page
 from dldsim.report.sections import designs
@@ -65,7 +66,13 @@ def simulation_time(page: Page) -> float:
 def card_of(page: Page) -> dict | None:
     """The surrogate's card, None without one."""
     path = page.results / "surrogate_card.json"
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
+    if not path.exists():
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise DldsimError(f"{path} is not readable as JSON ({error}). Delete it and run `snakemake "
+                          "-j2 surrogate`.") from error
 
 
 def _cards(page: Page, modes: list[str], broken: pd.DataFrame) -> list[tuple[str, str]]:
