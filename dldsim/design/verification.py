@@ -54,7 +54,6 @@ from dldsim.tables.parquet import COLUMNS, read_columns, read_rows, write_table
 SHAPES_EVERY = 2
 """Samples of a run from one recorded shape to the next."""
 CONFIRMED, MISSED = "prediction confirmed", "prediction missed"
-UNINFORMATIVE = "prediction uninformative"
 SIGMAS = 2
 """Numerical uncertainties that a simulated separation must exceed to count as one."""
 
@@ -272,10 +271,10 @@ def verify(
 
     A round searches on the surrogate, simulates both cell types in the best candidates that have
     not been simulated, and in arrays near a mode transition, and refits the surrogate to all.
-    Rounds end when every new prediction of a candidate is confirmed, when the best candidates have
-    all been simulated, or with the budget. A prediction is confirmed if the simulated value, with
-    ± σ_num, meets its interval, unless that interval is of a difference and includes zero: then it
-    is uninformative. It is compared only where the surrogate interpolates.
+    Rounds end when every new prediction of a candidate is confirmed and had told the order of the
+    two cells, when the best candidates have all been simulated, or with the budget. A prediction is
+    confirmed if the simulated value, with ± σ_num, meets its interval; it is compared only where
+    the surrogate interpolates.
 
     The best designs in which the cells part are simulated once more on a finer lattice at half the
     numerical Reynolds number: only what parts them there as well counts as separating.
@@ -365,7 +364,8 @@ def _with(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
 
 def _settles(difference: Mapping[str, Any]) -> bool:
     """Whether a prediction said which cell type goes further, and was confirmed."""
-    return difference["agrees"] is True
+    low, high = difference["predicted_low_deg"], difference["predicted_high_deg"]
+    return difference["agrees"] is True and not low < 0 < high
 
 
 def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
@@ -448,8 +448,7 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
         off = simulated - row["predicted_deg"]
         verdict = f"{CONFIRMED} (± {half_width_deg:.2f}°)" if agrees else f"{MISSED} by {off:+.2f}°"
         if agrees and row["population"] == "difference" and low < 0 < high:
-            agrees = None
-            verdict = f"{UNINFORMATIVE}: its interval, ± {half_width_deg:.2f}°, includes zero"
+            verdict += ", which left the order open"
     return {**row, "predicted_low_deg": low, "predicted_high_deg": high, "agrees": agrees,
             "verdict": verdict}
 

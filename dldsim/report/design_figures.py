@@ -43,7 +43,7 @@ def rounds_of(verifications: pd.DataFrame) -> pd.DataFrame:
 
 def tells_order(verifications: pd.DataFrame) -> pd.Series:
     """Whether the predicted interval of a difference leaves out zero."""
-    return (verifications["predicted_low_deg"] >= 0) | (verifications["predicted_high_deg"] <= 0)
+    return (verifications["predicted_low_deg"] > 0) | (verifications["predicted_high_deg"] < 0)
 
 
 def parallel_lines(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, tuple[float, float]]]:

@@ -513,7 +513,8 @@ def test_verified_designs_show_simulation_beside_prediction(campaign):
     _, page = campaign
     row, checks = (r for r in page.rows if "made-up-1" in r)
     assert "3.00 ± 0.30" in row and "7.00" in row and "14.30" in row and "8" in row
-    assert checks[2:] == ["4.00 ± 3.50", "3.00 ± 0.30", "2.80", "2.00 to 4.50", "2.50, –"]
+    assert checks[2:] == ["4.00 ± 3.50", "confirmed", "3.00 ± 0.30", "2.80", "2.00 to 4.50",
+                          "2.50, –"]
     verdict = page.rows[page.rows.index(row) + 1]
     assert verdict == ["separates by 3.00 ± 0.30°; prediction confirmed"]
     stuck = next(r for r in page.rows if "made-up-2" in r)

@@ -9,7 +9,7 @@ from dldsim.design.export import passage_label
 from dldsim.report import design_figures
 from dldsim.report.design_page import write_report
 from dldsim.report.scope import holds_for, meaning_of_radius
-from dldsim.report.sections.designs import on_bounds
+from dldsim.report.sections.designs import judged, on_bounds
 from dldsim.tables.parquet import write_table
 from tests.report.design_tables import make_design_tables
 from tests.report.test_campaign_page import Page
@@ -80,6 +80,16 @@ def test_scope_of_other_shapes():
     assert "sphere 10 µm across" in meaning_of_radius("sphere", 5)
     assert "oblate ellipsoid" in meaning_of_radius("ellipsoid", 5, 0.6)
     assert "sphere of 8.4 µm" in meaning_of_radius("ellipsoid", 5, 0.6)
+
+
+@pytest.mark.parametrize(
+    ("half", "agrees", "words"),
+    [(2.82, True, "uninformative: includes zero"), (2.82, None, "uninformative: includes zero"),
+     (1.0, True, "confirmed"), (1.0, None, "–"), (1.0, False, "missed"), (2.82, False, "missed")],
+)  # fmt: skip
+def test_a_prediction_whose_interval_includes_zero_is_not_confirmed(half, agrees, words):
+    design = {"predicted_separation_deg": 2.07, "uncertainty_deg": half, "agrees": agrees}
+    assert judged(design) == words
 
 
 def test_an_interval_that_includes_zero_is_drawn_apart():

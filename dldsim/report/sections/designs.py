@@ -8,6 +8,7 @@ from markupsafe import Markup
 from dldsim.report import design_figures
 from dldsim.report.formats import (
     ANGLE,
+    NOT_MEASURED,
     array_columns,
     decimals,
     fixed,
@@ -119,6 +120,15 @@ def answer(page: Page) -> dict:
     }  # fmt: skip
 
 
+def judged(design: Mapping) -> str:
+    """What a simulation says of the prediction before it; a wide one is not confirmed by it."""
+    if pd.isna(design["agrees"]) or design["agrees"]:
+        if design["uncertainty_deg"] >= design["predicted_separation_deg"]:
+            return "uninformative: includes zero"
+        return NOT_MEASURED if pd.isna(design["agrees"]) else "confirmed"
+    return "missed"
+
+
 def verified(page: Page) -> dict:
     """What came of simulating the candidates, request by request."""
     if not (page.some("verifications") and "verified_designs" in page):
@@ -165,6 +175,7 @@ def _of_request(page: Page, name: str, table: pd.DataFrame, requests: Mapping) -
         "design": texts(table["name"]), "round": numbers(table["round"]),
         "predicted before [°]": plus_minus(
             table["predicted_separation_deg"], table["uncertainty_deg"]),
+        "prediction": [judged(row) for _, row in table.iterrows()],
         "simulated [°]": plus_minus(table["separation_deg"], table["sigma_num_deg"]),
         Markup("finer lattice, half Re [°]<br><small>simulated</small>"): decimals(
             table["separation_finer_deg"]),
