@@ -23,7 +23,7 @@ def write_report(directory: Path, output: Path) -> None:
     page = Page(directory, Path(output), {}, tables, linked=False)
     shown, failed = render_sections(page, SECTIONS)
     name = text(tables["designs"]["request"].iloc[0])
-    write_page(page, title=f"Designs for {name}", heading=f"Designs for “{name}”", contents=True,
+    write_page(page, title=f"Designs for {name}", heading=f"Designs for “{name}”", contents=False,
                lead="Pillar arrays that separate two cell types by deterministic lateral "
                "displacement. Angles are predicted by a surrogate of simulations, with 90 % "
                "intervals, unless they are called simulated.", scope=designs.scope(page),

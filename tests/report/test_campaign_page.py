@@ -679,6 +679,7 @@ def rules_of(selector, text):
 def test_the_text_column_is_wide_and_printing_keeps_headings(campaign):
     style = re.search(r"<style>(.*?)</style>", campaign[1].raw, flags=re.S)[1]
     screen, printed = style.split("@media print")
+    assert "max-width: 61rem" in rules_of(".page", screen)
     assert "grid" not in rules_of(".page", screen)
     assert "minmax(0, 58rem)" in rules_of(".page.with-contents", screen)
     for heading in ("h2", "h3", "caption"):

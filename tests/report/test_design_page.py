@@ -12,7 +12,7 @@ from dldsim.report.scope import holds_for, meaning_of_radius
 from dldsim.report.sections.designs import judged, on_bounds
 from dldsim.tables.parquet import write_table
 from tests.report.design_tables import make_design_tables
-from tests.report.test_campaign_page import Page
+from tests.report.test_campaign_page import Page, rules_of
 
 
 def request_of(name, **changes):
@@ -37,14 +37,16 @@ def page(tmp_path_factory):
 
 def test_answer_stands_first_and_the_page_stands_alone(page):
     assert page.rows[1][:4] == ["pair", "7.00", "14.30", "8"]
-    assert all(link.startswith("#") for link in page.links)
+    assert not page.links and "<script" not in page.raw
     assert not (page.path.parent / "figures").exists()
     assert page.sources and all(source.startswith("data:image/") for source in page.sources)
 
 
-def test_contents_lead_to_the_chapters_beside_a_wide_column(page):
-    assert "<nav" in page.raw and '"page with-contents"' in page.raw
-    assert page.links and all(f'id="{link[1:]}"' in page.raw for link in page.links)
+def test_no_column_is_kept_for_contents_that_the_page_has_not(page):
+    """Above 960 px the text stood in a column of 224 px, made for a navigation."""
+    assert "<nav" not in page.raw and '<div class="page">' in page.raw
+    rules = rules_of(".page", page.raw.split("@media print")[0])
+    assert "max-width: 61rem" in rules and "grid" not in rules
 
 
 def test_first_lines_name_cells_channel_and_velocity(page):
