@@ -2,6 +2,9 @@
 
 import ast
 import graphlib
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -194,3 +197,17 @@ def test_folders_hold_no_code_of_their_own(folder):
     """A folder's __init__.py says what it is for, and names are imported from where they live."""
     tree = ast.parse(MODULES[folder].read_text(encoding="utf-8"))
     assert len(tree.body) == 1 and ast.get_docstring(tree)
+
+
+def test_numerical_libraries_run_on_one_thread():
+    """Their threads wait for each other on a busy machine; what the user has set is kept."""
+    code = (
+        "import dldsim.analysis.surrogate, sklearn.ensemble, xgboost, threadpoolctl;"
+        "print(sorted({i['num_threads'] for i in threadpoolctl.threadpool_info()}))"
+    )
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    bare = {k: v for k, v in os.environ.items() if k not in names}
+    for chosen, threads in (({}, "[1]"), (dict.fromkeys(names, "2"), "[2]")):
+        done = subprocess.run([sys.executable, "-c", code], env=bare | chosen, check=True,
+                              capture_output=True, text=True)  # fmt: skip
+        assert done.stdout.strip() == threads

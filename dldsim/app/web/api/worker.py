@@ -18,15 +18,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(name, "1")  # a job is one core's work
-
-from dldsim.app import design_jobs  # noqa: E402
-from dldsim.app.web.api import models  # noqa: E402
-from dldsim.app.web.api.data import Data, table_rows  # noqa: E402
-from dldsim.app.web.api.settings import Settings  # noqa: E402
-from dldsim.app.web.api.store import VERIFICATION, Job, Store  # noqa: E402
-from dldsim.errors import DldsimError  # noqa: E402
+from dldsim.app import design_jobs
+from dldsim.app.web.api import models
+from dldsim.app.web.api.data import Data, table_rows
+from dldsim.app.web.api.settings import Settings
+from dldsim.app.web.api.store import VERIFICATION, Job, Store
+from dldsim.errors import DldsimError
 
 REPORT_EVERY_S = 0.3
 IDLE_S = 60.0
