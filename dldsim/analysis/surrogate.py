@@ -9,6 +9,7 @@ where it holds.
 import copy
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -172,6 +173,11 @@ class Surrogate:
         return (beyond <= 1e-9).all(axis=1)
 
     @property
+    def holds_for(self) -> str:
+        """Shape of the cell, height and velocity that predictions hold for, in words."""
+        return holds_for(self.card["data"]["conditions"])
+
+    @property
     def deformation_index_range(self) -> tuple[float, float]:
         """Least and largest deformation index of the training data."""
         return tuple(self.card["domain"]["ranges"]["deformation_index"])
@@ -254,6 +260,18 @@ class Surrogate:
         for target, content in ((path, model), (card_path, text)):
             with atomic_path(target) as part:
                 part.write_bytes(content)
+
+
+SHAPES = {"biconcave": "biconcave discs", "sphere": "spheres", "ellipsoid": "ellipsoids"}
+
+
+def holds_for(conditions: Mapping[str, Any]) -> str:
+    """Conditions that outcomes were made under, of CONDITIONS, in words."""
+    shape = SHAPES.get(conditions.get("cell_shape"), "cells of one shape")
+    known = [text for name, text in (
+        ("height_um", "channel height {:g} µm"), ("mean_velocity_mm_s", "mean velocity {:g} mm/s"),
+    ) if name in conditions for text in [text.format(conditions[name])]]  # fmt: skip
+    return ", ".join([f"{shape} of the radii named", *known])
 
 
 def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:

@@ -5,13 +5,18 @@ Keys of the summaries are the tables' column names.
 """
 
 import argparse
+import contextlib
 import difflib
+import errno
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from pydantic import create_model
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.sections import (
@@ -99,6 +104,8 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     check_passable(geometry, cell, flow.height_um)
     stiffness = _named(config, "stiffness_sets", args.set, "--set")
     outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
+    if args.out:
+        check_writable(args.out / f"{outcome}_y0.000.trajectory.parquet", "--out")
     from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
     from dldsim.app import jobs
     from dldsim.experiments.array_run import simulate_outcome, simulate_run
@@ -151,6 +158,8 @@ def flow(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     config = _campaign(args.config)
     geometry = _geometry(args)
     sections = [_section(model, config, args) for model in (Flow, Numerics)]
+    if args.out:
+        check_writable(args.out, "--out")
     from dldsim.app import jobs
     from dldsim.solver.flow import solve_empty_array
 
@@ -172,6 +181,8 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if release is None:
         release = channel.release_positions_um[0]
     sections = [config.cell, config.flow, _channel_numerics(config, args)]
+    if args.out:
+        check_writable(args.out / f"{name}_at-{release:g}.trajectory.parquet", "--out")
     from dldsim.app import jobs
     from dldsim.experiments.constriction import simulate_constriction
 
@@ -196,9 +207,10 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Analysis of variance of anybody's table of outcomes."""
     from dldsim.analysis.statistics import analyse
+    from dldsim.config.campaign import derive_seed
 
     frame = _read_any(args.table)
-    result, residuals = analyse(frame, args.seed)
+    result, residuals = analyse(frame, derive_seed(args.seed, "anova"))
     summary = {"table": str(args.table), "rows": _records(result),
                "diagnostics": _records(residuals), "sobol": []}
     lines = ["Type II analysis of variance of migration_angle_deg", *_frame_lines(result), "",
@@ -207,7 +219,7 @@ def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     from dldsim.analysis.sensitivity import sobol_of_table
 
     try:
-        indices = sobol_of_table(frame, args.seed)
+        indices = sobol_of_table(frame, derive_seed(args.seed, "sensitivity"))
     except DldsimError as error:
         summary["sobol_refused"] = str(error)
         return summary, [*lines, f"none: {error}"]
@@ -233,18 +245,24 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
     request = validate(DesignRequest, _given(DesignRequest, args) | {"name": args.request_name})
     config = _campaign(args.config)
-    safety = args.safety_distance_um
-    if safety is None:
-        safety = _safety_distance(config)
+    output = args.output
+    if args.verify:
+        output = output or Path(f"design-{request.name}")
+    if output is not None:
+        check_writable(output / "files" / f"{request.name}-candidate-{request.candidates}.json",
+                       "--output")
+    safety = _safety_distance(config)
+    if args.safety_distance_um is not None:
+        safety = _checked(Sweep, "safety_distance_um", args.safety_distance_um)
     known = design_jobs.read_campaign(
         args.results or design_jobs.packaged_campaign(),
         Device() if config is None else config.device, safety,
     )
+    design_jobs.check_settings(config, known, request, args.verify)
     budget = Verification() if config is None else config.verification
     made = design_jobs.make_designs(request, known, args.seed, budget)
-    resolved, found, verdicts, output, files = made.resolved, made.found, None, args.output, []
+    resolved, found, verdicts, files = made.resolved, made.found, None, []
     if args.verify:
-        output = output or Path(f"design-{request.name}")
         with _progress() as progress:
             verdicts = design_jobs.verify_request(
                 request, made.settings, known.chip, known.model, known.tables,
@@ -255,7 +273,8 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         written = design_jobs.write_designs(made, known, output, verdicts)
         files = list(dict.fromkeys([*map(str, written), *files]))
     summary = {
-        "request": resolved.model_dump(), "designs": _records(found.designs),
+        "request": resolved.model_dump(), "holds_for": known.model.holds_for,
+        "device": known.chip.device.model_dump(), "designs": _records(found.designs),
         "tolerances": _records(found.tolerances), "importance": _records(found.importance),
         "trials": len(found.trials), "seed": args.seed,
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry")},
@@ -276,6 +295,8 @@ def run_validation(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
         width = max(map(len, cases))
         lines = [f"{name:{width}}  {c['group']:8}  {c['title']}" for name, c in cases.items()]
         return cases, lines, 0
+    if args.out:
+        check_writable(args.out, "--out")
     rows = []
     with _progress() as progress:
         for name in names:
@@ -327,6 +348,59 @@ def serve(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
 
 
 # ------------------------------------------------------------------------------------------- input
+
+
+def check_writable(path: Path, option: str) -> None:
+    """Refuse a file that cannot be written, before anything is calculated for it.
+
+    It is tried under the name that it has while it is being written, the longest; nothing stays.
+    """
+    made = [folder for folder in path.parents if not folder.exists()]
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.touch(exist_ok=False)
+        part.unlink()
+    except OSError as error:
+        raise DldsimError(
+            f"{option} {path}: cannot be written: {error.strerror}. Nothing was calculated. Name "
+            "another place, or make room there."
+        ) from None
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def number(text: str) -> float:
+    """A finite number of the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is no finite number")
+    return value
+
+
+def seed(text: str) -> int:
+    """A seed of the command line."""
+    try:
+        return _checked(Config, "seed", int(text))
+    except (ValueError, DldsimError):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: a seed is a whole number from 0 to {2**64 - 1}"
+        ) from None
+
+
+def _checked(model: type[Section], key: str, value: Any) -> Any:
+    """A value of one field of a section. Raises DldsimError that names it."""
+    field = model.model_fields[key]
+    one = create_model(model.__name__, __base__=Section, **{key: (field.annotation, field)})
+    return getattr(validate(one, {key: value}), key)
+
 
 def _campaign(path: Path | None) -> Config | None:
     """The configuration file, by default ./config.yaml; None if there is none."""
@@ -532,6 +606,7 @@ def _design_lines(summary: Mapping) -> list[str]:
         f"{request[f'deformation_index_std_{i}']:.2g}, radius {request[f'radius_{i}_um']:g} µm"
         for i in "12"
     ] + [
+        f"holds for {summary['holds_for']}",
         f"learnt from {data['used']} outcomes in {data['geometries']} arrays; median error on "
         f"arrays never seen {scores['median_absolute_error_deg']:.2f}°",
         f"{summary['trials']} arrays tried, objective {request['objective']}", "",
@@ -556,7 +631,10 @@ def _design_lines(summary: Mapping) -> list[str]:
     notes = dict.fromkeys(note.strip() for d in designs for note in d["verdict"].split(";")[1:])
     lines += ["", *notes,
               "± uncertainty: half of the 90 % interval; robust: exceeded by nine of ten draws",
-              f"pressure drop: {designs[0]['pressure_basis']}; throughput "
+              f"length: of array that parts the two by {request['lateral_separation_um']:g} µm "
+              "(lateral_separation_um); the mask's array is as long as device.array_length_mm, "
+              f"{summary['device']['array_length_mm']:g} mm, in whole rows",
+              f"pressure drop over that length: {designs[0]['pressure_basis']}; throughput "
               f"{designs[0]['throughput_uL_per_h']:.3g} µL/h", "", "Best candidate, one thing off:"]
     first = [t for t in summary["tolerances"] if t["design"] == 1]
     lines += _columns({
@@ -641,7 +719,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_fields(one, "cell", Cell)
     _add_fields(one, "numerics", Numerics)
     _add_fields(one, "when to stop", RunControl, without={"release_gap_fractions"})
-    one.add_argument("--releases", type=float, nargs="*", metavar="X",
+    one.add_argument("--releases", type=number, nargs="*", metavar="X",
                      help="simulate a whole outcome: release at these places in the gap, in this "
                           "order, as many as it takes; none named: the configuration's")
     _add_config(one)
@@ -660,9 +738,9 @@ def _parser() -> argparse.ArgumentParser:
     which = channel.add_mutually_exclusive_group(required=True)
     which.add_argument("--set", metavar="NAME", help="the group that calibrates this stiffness set")
     which.add_argument("--group", metavar="NAME", help="a name from constriction_groups")
-    channel.add_argument("--velocity-mm-s", type=float, metavar="mm/s",
+    channel.add_argument("--velocity-mm-s", type=number, metavar="mm/s",
                          help="mean velocity in the wide channel; default: the group's")
-    channel.add_argument("--release-position-um", type=float, metavar="µm",
+    channel.add_argument("--release-position-um", type=number, metavar="µm",
                          help="release along the flow, from the first possible position; "
                               "default: the first of constriction.release_positions_um")
     _add_fields(channel, "channel", Constriction, without={"release_positions_um"})
@@ -677,13 +755,13 @@ def _parser() -> argparse.ArgumentParser:
                                "periodicity, stiffness_set, deformation_index and "
                                "migration_angle_deg")
 
-    variance.add_argument("--seed", type=int, default=1, metavar="N",
+    variance.add_argument("--seed", type=seed, default=1, metavar="N",
                           help="of permutations and surrogate; default %(default)s")
 
     inverse = _command(commands, "stiffness", stiffness, "moduli for a measured deformation index")
-    inverse.add_argument("--di", type=float, required=True, metavar="DI",
+    inverse.add_argument("--di", type=number, required=True, metavar="DI",
                          help="deformation index, inside the calibrated range")
-    inverse.add_argument("--error", type=float, default=0.0, metavar="±DI",
+    inverse.add_argument("--error", type=number, default=0.0, metavar="±DI",
                          help="standard error of it; default %(default)s")
     inverse.add_argument("--design", default="group-velocity",
                          choices=["group-velocity", "fixed-velocity"],
@@ -698,15 +776,15 @@ def _parser() -> argparse.ArgumentParser:
     wanted = _command(commands, "design", design, "geometries that separate two cell types best")
     for i in "12":
         cell = wanted.add_mutually_exclusive_group(required=True)
-        cell.add_argument(f"--di{i}", type=float, dest=f"deformation_index_{i}", metavar="DI",
+        cell.add_argument(f"--di{i}", type=number, dest=f"deformation_index_{i}", metavar="DI",
                           help=f"deformation index of cell type {i}, 0 to 1")
         cell.add_argument(f"--set{i}", dest=f"stiffness_set_{i}", metavar="NAME",
                           help=f"stiffness set of cell type {i}, instead")
-        wanted.add_argument(f"--di{i}-std", type=float, dest=f"deformation_index_std_{i}",
+        wanted.add_argument(f"--di{i}-std", type=number, dest=f"deformation_index_std_{i}",
                             metavar="X", help=f"spread of it among cells of type {i}; default: the "
                                               "calibration's for a stiffness set, else 0")
         _add_option(wanted, DesignRequest, f"radius_{i}_um", f"--r{i}")
-    for key, kind in (("pillar_radius_um", float), ("gap_um", float), ("periodicity", int)):
+    for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", int)):
         low, high = DesignRequest.model_fields[key].default
         wanted.add_argument(_option(key), type=kind, nargs=2, metavar=("LOW", "HIGH"),
                             help=f"bounds of the search; default {low:g} {high:g}")
@@ -714,13 +792,13 @@ def _parser() -> argparse.ArgumentParser:
                 "candidates", "tolerance_um", "height_tolerance_um", "pillar_aspect_ratio_max",
                 "lateral_separation_um"):
         _add_option(wanted, DesignRequest, key)
-    wanted.add_argument("--pressure-max-kpa", type=float, dest="pressure_max_kPa", metavar="kPa",
+    wanted.add_argument("--pressure-max-kpa", type=number, dest="pressure_max_kPa", metavar="kPa",
                         help="largest pressure drop over the length which that takes; default: "
                              "no limit")
-    wanted.add_argument("--safety-distance-um", type=float, metavar="µm",
+    wanted.add_argument("--safety-distance-um", type=number, metavar="µm",
                         help="a gap must exceed P_r + this; default: the configuration's, or "
                              f"{Sweep.model_fields['safety_distance_um'].default:g}")
-    wanted.add_argument("--seed", type=int, default=1, metavar="N", help="default %(default)s")
+    wanted.add_argument("--seed", type=seed, default=1, metavar="N", help="default %(default)s")
     wanted.add_argument("--results", type=Path, metavar="DIR",
                         help="folder with the outcomes, calibration, surrogate (and flows) of a "
                              "campaign; default: the campaign that comes with the package")
@@ -817,5 +895,6 @@ def _add_option(parser, model: type[Section], key: str, option: str | None = Non
     about = f"{field.description} ({', '.join(limits)})" if limits else field.description
     if not required:
         about += f"; default {field.default}"
+    kind = number if kind is float else kind
     parser.add_argument(option or _option(key), dest=key, type=kind, choices=choices,
                         required=required, metavar=unit, help=about.replace("%", "%%"))

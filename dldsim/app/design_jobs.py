@@ -1,7 +1,7 @@
 """Jobs and commands that make designs: tables and requests in, tables and files out."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from dldsim.app.jobs import Progress, provenance
 from dldsim.config import campaign
 from dldsim.config.sections import (
     CellShape,
+    Config,
     DesignRequest,
     Device,
     Flow,
@@ -85,46 +86,75 @@ class Inputs(NamedTuple):
 
 
 def _inputs(settings: Mapping, model: Path, card: Path, calibration: Path, flows: Path) -> Inputs:
-    table = read_table("flows", flows)
-    chip = make_chip(settings, None if table["drag_over_mu_U"].isna().all() else table)
+    chip = make_chip(settings, read_table("flows", flows))
     return Inputs([DesignRequest(**r) for r in settings["design_requests"]], chip,
                   surrogate.load(model, card), read_table("calibration", calibration))
 
 
 def make_chip(settings: Mapping, flows: pd.DataFrame | None) -> Chip:
-    """Chip of the sections `flow` and `device`, `safety_distance_um`, and a table of flows."""
-    resistance = None if flows is None else Resistance(flows)
-    return Chip(Flow(**settings["flow"]), Device(**settings["device"]),
-                settings["safety_distance_um"], resistance)
+    """Chip of the sections `flow` and `device`, `safety_distance_um`, and a table of flows.
+
+    Flows that the pressure drop cannot be interpolated from leave it unknown, with the reason.
+    """
+    chip = Chip(Flow(**settings["flow"]), Device(**settings["device"]),
+                settings["safety_distance_um"])
+    if flows is None:
+        return chip
+    try:
+        return chip._replace(resistance=Resistance(flows))
+    except DldsimError as error:
+        return chip._replace(no_resistance=str(error).rstrip("."))
 
 
-def search_all(inputs: Inputs, seed: int) -> Found:
-    """Tables of the searches of all requests."""
-    found = [
-        search(inputs.model, by_deformation_index(request, inputs.calibration), inputs.chip,
-               campaign.derive_seed(seed, f"design/{request.name}"))
-        for request in inputs.requests
-    ]  # fmt: skip
-    return Found(*(pd.concat(tables, ignore_index=True) for tables in zip(*found, strict=True)))
+def each_request(inputs: Inputs, answer: Callable[[DesignRequest, DesignRequest], Any]
+                 ) -> tuple[list[Any], list[dict[str, str]]]:
+    """What ``answer`` says to every request, and a row of `design_requests` for each.
+
+    It is called with the request as asked and by deformation indices. A request that cannot be
+    answered takes no other with it: its row holds the reason.
+    """
+    found, rows = [], []
+    for request in inputs.requests:
+        row = {"request": request.name, "status": "answered", "reason": ""}
+        try:
+            found.append(answer(request, by_deformation_index(request, inputs.calibration)))
+        except DldsimError as error:
+            row |= {"status": "failed", "reason": str(error)}
+        rows.append(row)
+    return found, rows
 
 
-def design_job(settings: Mapping, *, tables: Mapping[str, Path], **paths: Path) -> None:
-    """Search for all requests; the tables of SEARCH with CSV twins."""
+def design_job(
+    settings: Mapping, *, tables: Mapping[str, Path], progress: Progress, **paths: Path
+) -> None:
+    """Search for all requests; the tables of SEARCH and `design_requests`, with CSV twins."""
     inputs = _inputs(settings, **paths)
-    found = search_all(inputs, settings["seed"]) if inputs.requests else map(_empty, SEARCH)
-    for kind, table in zip(SEARCH, found, strict=True):
+    found, requests = each_request(inputs, lambda asked, resolved: search(
+        inputs.model, resolved, inputs.chip,
+        campaign.derive_seed(settings["seed"], f"design/{asked.name}")))
+    kinds = zip(*found, strict=True) if found else map(lambda kind: [_empty(kind)], SEARCH)
+    content = {kind: pd.concat(map(pd.DataFrame, parts), ignore_index=True)
+               for kind, parts in zip(SEARCH, kinds, strict=True)}
+    content["design_requests"] = requests or _empty("design_requests")
+    for kind, table in content.items():
         write_table(kind, table, tables[kind], provenance(settings, settings["seed"]))
         write_csv(kind, tables[kind])
+    _tell(requests, progress)
 
 
-def regret_job(settings: Mapping, *, table: Path, **paths: Path) -> None:
+def _tell(requests: Iterable[Mapping], progress: Progress) -> None:
+    for row in requests:
+        if row["status"] == "failed":
+            progress(f"{row['request']} failed: {row['reason']}")
+
+
+def regret_job(settings: Mapping, *, table: Path, progress: Progress, **paths: Path) -> None:
     """Regret of TPE, random and exhaustive search on the surrogate, with a CSV twin."""
     inputs = _inputs(settings, **paths)
-    found = [
-        regret(inputs.model, by_deformation_index(request, inputs.calibration), inputs.chip,
-               campaign.derive_seed(settings["seed"], f"regret/{request.name}"))
-        for request in inputs.requests
-    ]  # fmt: skip
+    found, requests = each_request(inputs, lambda asked, resolved: regret(
+        inputs.model, resolved, inputs.chip,
+        campaign.derive_seed(settings["seed"], f"regret/{asked.name}")))
+    _tell(requests, progress)
     kind = "search_regret"
     rows = pd.concat(found, ignore_index=True) if found else _empty(kind)
     write_table(kind, rows, table, provenance(settings, settings["seed"]))
@@ -167,37 +197,51 @@ def verify_request(
 
 def verify_job(
     name: str, settings: Mapping, *, outcomes: Path, verifications: Path, designs: Path,
-    added: Path, files: Path, work: Path, progress: Progress, **paths: Path,
+    added: Path, requests: Path, files: Path, work: Path, progress: Progress, **paths: Path,
 ) -> None:
-    """Verification of one request: rows of `verifications`, `verified_designs` and `outcomes`."""
+    """Verification of one request: rows of `verifications`, `verified_designs` and `outcomes`.
+
+    A request that cannot be answered has none, and the reason in its row of `verified_requests`.
+    """
     inputs = _inputs(settings, **paths)
-    [request] = [r for r in inputs.requests if r.name == name]
+    inputs = inputs._replace(requests=[r for r in inputs.requests if r.name == name])
     tables = {"outcomes": read_table("outcomes", outcomes), "calibration": inputs.calibration}
-    verdicts = verify_request(request, settings, inputs.chip, inputs.model, tables, work=work,
-                              files=files, progress=progress)
+    Path(files).mkdir(parents=True, exist_ok=True)
+    found, told = each_request(inputs, lambda asked, resolved: verify_request(
+        asked, settings, inputs.chip, inputs.model, tables, work=work, files=files,
+        progress=progress))
+    _tell(told, progress)
     about = provenance(settings, settings["seed"])
-    measured = [row for row in verdicts.rows.values() if row["status"] != "failed"]
+    content: dict[str, list[dict]] = {"verifications": [], "verified_designs": [], "outcomes": []}
+    for verdicts in found:
+        content = {
+            "verifications": plain(verdicts.verifications),
+            "verified_designs": plain(verdicts.designs),
+            "outcomes": [row for row in verdicts.rows.values() if row["status"] != "failed"],
+        }
     for kind, table, path in (
-        ("verifications", plain(verdicts.verifications), verifications),
-        ("verified_designs", plain(verdicts.designs), designs),
-        ("outcomes", measured or _empty("outcomes"), added),
+        ("verifications", content["verifications"], verifications),
+        ("verified_designs", content["verified_designs"], designs),
+        ("outcomes", content["outcomes"], added), ("verified_requests", told, requests),
     ):  # fmt: skip
         write_table(kind, table or _empty(kind), path, about)
 
 
 def gather_verified(
     settings: Mapping, *, verifications: Iterable[Path], designs: Iterable[Path],
-    added: Iterable[Path], outcomes: Path, tables: Mapping[str, Path], model: Path, card: Path,
+    added: Iterable[Path], requests: Iterable[Path], outcomes: Path, tables: Mapping[str, Path],
+    model: Path, card: Path,
 ) -> None:
     """Tables of all requests, and the surrogate refitted to all outcomes, the verifying ones too.
 
-    ``tables``: paths of `verifications`, `verified_designs` and `outcomes`.
+    ``tables``: paths of `verifications`, `verified_designs`, `verified_requests` and `outcomes`.
     """
     about = provenance(settings, settings["seed"])
     learnt = read_many("outcomes", [outcomes, *added])
     for kind, table in (
         ("verifications", read_many("verifications", verifications)),
-        ("verified_designs", read_many("verified_designs", designs)), ("outcomes", learnt),
+        ("verified_designs", read_many("verified_designs", designs)),
+        ("verified_requests", read_many("verified_requests", requests)), ("outcomes", learnt),
     ):  # fmt: skip
         write_table(kind, table, tables[kind], about)
         write_csv(kind, tables[kind])
@@ -244,6 +288,55 @@ def make_campaign(
     settings["run_control"] = dict(run_control or RunControl().model_dump())
     settings |= {"device": device.model_dump(), "safety_distance_um": safety_distance_um}
     return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
+
+
+def check_settings(
+    settings: Config | None, known: Campaign, request: DesignRequest | None = None,
+    simulate: bool = False,
+) -> None:
+    """Refuse settings that answers of a campaign do not hold for.
+
+    Compared are the settings that the configuration names: shape of the cell and flow; stiffness
+    sets of the request; the cell's radius, where the request does not say its own; and, to
+    ``simulate``, everything that is simulated with. Raises DldsimError that names key, value, and
+    what the campaign was made with.
+    """
+    if settings is None:
+        return
+    wanted: list[tuple[str, Any, Any]] = []
+    sections = {"cell": ("shape", "aspect_ratio"), "flow": tuple(Flow.model_fields)}
+    if simulate:
+        sections = {"cell": ("shape", "aspect_ratio", "axis"), "flow": tuple(Flow.model_fields),
+                    "numerics": tuple(Numerics.model_fields),
+                    "run_control": tuple(RunControl.model_fields)}
+    for name, keys in sections.items():
+        section = getattr(settings, name)
+        named = [] if section is None else [k for k in keys if k in section.model_fields_set]
+        wanted += [(f"{name}.{key}", getattr(section, key), known.settings[name].get(key))
+                   for key in named]
+    for i in (1, 2) if request else ():
+        name = getattr(request, f"stiffness_set_{i}")
+        if name in (settings.stiffness_sets or {}) and name in known.settings["stiffness_sets"]:
+            wanted += [(f"stiffness_sets.{name}.{key}", value,
+                        known.settings["stiffness_sets"][name][key])
+                       for key, value in settings.stiffness_sets[name]]
+        if (settings.cell is not None and "radius_um" in settings.cell.model_fields_set
+                and f"radius_{i}_um" not in request.model_fields_set):
+            wanted.append(("cell.radius_um", settings.cell.radius_um,
+                           getattr(request, f"radius_{i}_um")))
+    for key, value, other in wanted:
+        if value != other and not (
+            isinstance(value, float) and np.isclose(value, other, rtol=1e-6, atol=0)
+        ):
+            remedy = ("give the radii of both cell types, --r1 and --r2" if key == "cell.radius_um"
+                      else "simulate a campaign with this value and name its folder with "
+                      "--results, or take the setting out of the configuration")
+            origin = ("the request takes" if key == "cell.radius_um" else
+                      "answers come from a campaign with")
+            raise DldsimError(
+                f"{key} = {value} in the configuration, but {origin} {other}. They hold for "
+                f"{known.model.holds_for}; nothing else was learnt. To have the other, {remedy}."
+            )
 
 
 MEASURED = "measured"
@@ -403,6 +496,7 @@ def make_designs(
         **known.settings, "seed": seed, "verification": budget.model_dump(),
         "design_requests": [request.model_dump()],
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry", "versions")},
+        "holds_for": known.model.holds_for,
     }
     return Made(request, resolved, settings, found)
 

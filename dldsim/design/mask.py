@@ -11,7 +11,9 @@ pitches of a wall the flow, and with it the critical diameter, is not that of th
 Appl. Phys. Lett. 94, 013510, 2009); `expected` says where a stream comes so near.
 """
 
+import hashlib
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -259,6 +261,12 @@ def _notes(layout: Layout) -> list[str]:
             notes.append(f"{who} leaves within {NEAR_WALL_PITCHES} pitches of a side wall, where "
                          "the flow is not that of the array.")  # fmt: skip
     notes.append(
+        f"The array of this mask is {layout.length_um / 1e3:.2f} mm long: the {layout.rows} whole "
+        f"rows that fit into device.array_length_mm = {layout.device.array_length_mm:g}. The "
+        "length in the tables of designs is that which parts the cell types by "
+        "lateral_separation_um."
+    )
+    notes.append(
         "The sample stream has its width if the three inlets are fed in proportion to their widths."
     )
     notes.append("Positions hold for the settled motion over the whole length; the first rows, "
@@ -357,7 +365,7 @@ def write_gds(layout: Layout, path: Path) -> None:
 
     library = gdstk.Library(layout.name, unit=1e-6, precision=1e-9)
     layer = {name: getattr(layout.device, f"layer_{name}") for name in LAYERS}
-    pillar, period, rest, device = (library.new_cell(name) for name in
+    pillar, period, rest, device = (library.new_cell(structure_name(layout, part)) for part in
                                     ("PILLAR", "PERIOD", "LAST_ROWS", "DEVICE"))  # fmt: skip
     g = layout.geometry
     circle = _circle((0, 0), g.pillar_radius_um, layout.device.facet_tolerance_um)
@@ -389,6 +397,21 @@ def write_gds(layout: Layout, path: Path) -> None:
         library.write_gds(part, max_points=MAX_POINTS, timestamp=TIMESTAMP)
 
 
+NAME_LENGTH = 32
+"""A GDSII structure name has no more, of A to Z, a to z, 0 to 9, _, ? and $."""
+
+
+def structure_name(layout: Layout, part: str) -> str:
+    """Name of one part of a design's mask: its own, wherever it meets others in one layout.
+
+    The design's name as far as it fits, a hash of all that is drawn, and the part. Layout programs
+    take structures of one name for the same.
+    """
+    digest = hashlib.sha256(repr((layout.expected(), layout.device)).encode()).hexdigest()[:8]
+    end = f"_{digest}_{part}"
+    return re.sub("[^A-Za-z0-9_]", "_", layout.name)[: NAME_LENGTH - len(end)] + end
+
+
 def _blocks(lanes: Sequence[int]) -> list[tuple[int, int, int]]:
     """Runs of rows with equally many pillars: (first row, rows, pillars)."""
     blocks, first = [], 0
@@ -410,12 +433,13 @@ def write_dxf(layout: Layout, path: Path) -> None:
     for number, name in enumerate(LAYERS, start=1):
         document.layers.add(name.upper(), color=number)
     g = layout.geometry
-    block = document.blocks.new("PILLAR")
+    pillar = structure_name(layout, "PILLAR")
+    block = document.blocks.new(pillar)
     block.add_circle((0, 0), g.pillar_radius_um, dxfattribs={"layer": "PILLARS"})
     space = document.modelspace()
     for row in range(g.periodicity):
         x, y = (row + 0.5) * g.pitch_um, layout.lowest_um + row * layout.shift_um
-        space.add_blockref("PILLAR", (x, y), dxfattribs={
+        space.add_blockref(pillar, (x, y), dxfattribs={
             "layer": "PILLARS",
             "row_count": layout.lanes[row], "row_spacing": g.pitch_um,
             "column_count": len(range(row, layout.rows, g.periodicity)),

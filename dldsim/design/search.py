@@ -50,6 +50,8 @@ TRANSITION_SHARE = 0.25
 """An array is near one where tan θ · N_p of a cell type is this close to a half."""
 SLICE_STEPS = 33
 """Values of P_r and of P_g in the slices through the best candidate."""
+BOUND_SHARE = 0.02
+"""A candidate nearer to a bound than this share of the range is on it: samplers seldom hit it."""
 TINY = 1e-9
 """Turns the strict P_g > P_r + d_safety into a constraint that may be zero [µm]."""
 NONE_BETTER = 1e3
@@ -106,6 +108,8 @@ class Chip(NamedTuple):
     device: Device = Device()
     safety_distance_um: float = 2.0
     resistance: Resistance | None = None
+    no_resistance: str = "there is no table of flows"
+    """Why the pressure drop is not known, where it is not."""
 
     def pressure_kPa(self, drag_over_mu_U, pitch_um, length_mm):
         """Pressure drop over a length of array at the flow's mean velocity.
@@ -115,6 +119,13 @@ class Chip(NamedTuple):
         """
         speed = self.flow.viscosity_mPa_s * self.flow.mean_velocity_mm_s
         return np.asarray(drag_over_mu_U) * speed * length_mm / np.square(pitch_um)
+
+    @property
+    def pressure_basis(self) -> str:
+        """Where the pressure drop comes from, in words."""
+        if self.resistance is None:
+            return f"not known: {self.no_resistance}"
+        return self.resistance.basis
 
     @property
     def throughput_uL_per_h(self) -> float:
@@ -249,8 +260,9 @@ class Task:
     def grid(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All combinations of so many P_r and P_g within the bounds with every N_p, (n,) each."""
         low, high = self.request.periodicity
-        axes = (np.linspace(*self.request.pillar_radius_um, steps).round(DECIMALS),
-                np.linspace(*self.request.gap_um, steps).round(DECIMALS), np.arange(low, high + 1))
+        lengths = (np.unique(np.linspace(*bounds, steps).round(DECIMALS))
+                   for bounds in (self.request.pillar_radius_um, self.request.gap_um))
+        axes = (*lengths, np.arange(low, high + 1))
         return tuple(v.ravel() for v in np.meshgrid(*axes, indexing="ij"))
 
 
@@ -535,9 +547,9 @@ def check(task: Task) -> None:
         )
     if request.pressure_max_kPa is not None and chip.resistance is None:
         raise DldsimError(
-            f"{name}: pressure_max_kPa needs the flows without a cell of the campaign "
-            "(flows.parquet) to know the pressure drop. Make them with `snakemake -j2 flows`, or "
-            "leave the limit out."
+            f"{name}: pressure_max_kPa = {request.pressure_max_kPa:g} needs the flows without a "
+            "cell of the campaign (flows.parquet) to know the pressure drop, and "
+            f"{chip.no_resistance}. Make them with `snakemake -j2 flows`, or leave the limit out."
         )
 
 
@@ -587,9 +599,10 @@ def _designs(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         mode_change_probability=shift.any(axis=0).mean(axis=1),
         length_mm=np.where(np.isfinite(length), length, np.nan),
         pressure_drop_kPa=np.where(np.isfinite(pressure), pressure, np.nan),
-        pressure_basis="not known" if chip.resistance is None else chip.resistance.basis,
+        pressure_basis=chip.pressure_basis,
         throughput_uL_per_h=chip.throughput_uL_per_h,
-        verdict=[verdict_of(row, ranks.count(row["rank"])) for _, row in designs.iterrows()],
+        verdict=[verdict_of(row, ranks.count(row["rank"]), at_bounds(request, row))
+                 for _, row in designs.iterrows()],
     )
     return designs[DESIGN_COLUMNS].reset_index(drop=True)
 
@@ -657,7 +670,8 @@ def tolerances(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
 def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
     """Predicted separation over two parameters, the third as in the best candidate.
 
-    A table of kind `design_slices`, one slice for each pair; signed, angle 2 − angle 1.
+    A table of kind `design_slices`, one slice for each pair that the bounds leave free; signed,
+    angle 2 − angle 1.
     """
     request = task.request
     low, high = request.periodicity
@@ -666,9 +680,11 @@ def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
         "gap_um": np.linspace(*request.gap_um, SLICE_STEPS),
         "periodicity": np.arange(low, high + 1),
     }
-    found = []
+    found = [pd.DataFrame(columns=SLICE_COLUMNS)]
     for x, y in (("pillar_radius_um", "gap_um"), ("periodicity", "gap_um"),
                  ("periodicity", "pillar_radius_um")):
+        if {x, y} & fixed(request):
+            continue
         grid = np.meshgrid(axes[x], axes[y], indexing="ij")
         at = {name: np.full(grid[0].size, float(design[name])) for name in GEOMETRY}
         at |= {x: grid[0].ravel(), y: grid[1].ravel()}
@@ -682,7 +698,16 @@ def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
             "inside_training_domain": np.all(
                 [task.surrogate.inside_domain(*place, *cell) for cell in task.cells], axis=0),
         }))
-    return pd.concat(found, ignore_index=True)
+    return pd.concat(found[1:] or found, ignore_index=True)
+
+
+SLICE_COLUMNS = ["request", "x_parameter", "y_parameter", "x", "y", "difference_deg", "feasible",
+                 "inside_training_domain"]
+
+
+def fixed(request: DesignRequest) -> set[str]:
+    """Parameters whose bounds leave one value."""
+    return {name for name in GEOMETRY if np.ptp(getattr(request, name)) == 0}
 
 
 def offsets_of(task: Task) -> list[tuple[str, float]]:
@@ -728,8 +753,23 @@ def ranks_of(designs: pd.DataFrame, value: str) -> list[int]:
     return ranks
 
 
-def verdict_of(row: Mapping[str, Any], equals: int) -> str:
-    """What a candidate's prediction is worth, in words."""
+def at_bounds(request: DesignRequest, row: Mapping[str, Any]) -> list[str]:
+    """Which bounds of the search a candidate lies on, in words; those of fixed parameters left out.
+
+    A length is on a bound if it is nearer to it than BOUND_SHARE of the range.
+    """
+    found = []
+    for name in (n for n in GEOMETRY if n not in fixed(request)):
+        bounds = getattr(request, name)
+        reach = 0 if name == "periodicity" else BOUND_SHARE * np.ptp(bounds)
+        found += [f"{name} = {row[name]:g}, {end} bound {bound:g}"
+                  for end, bound in zip(("lowest", "highest"), bounds, strict=True)
+                  if abs(row[name] - bound) <= reach]
+    return found
+
+
+def verdict_of(row: Mapping[str, Any], equals: int, bounds: Sequence[str] = ()) -> str:
+    """What a candidate's prediction is worth, in words; ``bounds``: those that it lies on."""
     if row["separation_deg"] <= row["uncertainty_deg"]:
         verdict = "not resolved: separation below uncertainty"
     elif row["separation_tolerance_min_deg"] <= row["uncertainty_deg"]:
@@ -742,6 +782,8 @@ def verdict_of(row: Mapping[str, Any], equals: int) -> str:
         verdict += "; numerical uncertainty not studied"
     if not row["inside_training_domain"]:
         verdict += "; extrapolated: outside the training geometries"
+    if bounds:
+        verdict += f"; on the edge of the search ({', '.join(bounds)}): better may lie beyond"
     return verdict
 
 
@@ -764,7 +806,7 @@ def transition_geometries(task: Task, known: pd.DataFrame, count: int) -> list[d
     share = np.tan(np.radians(task.angles(*place))) * place[2]
     good &= np.abs(share - 0.5).min(axis=0) <= TRANSITION_SHARE
     points = np.column_stack(place)[good]
-    scale = np.array([max(np.ptp(b), TINY) for b in
+    scale = np.array([np.ptp(b) or np.inf for b in
                       (request.pillar_radius_um, request.gap_um, request.periodicity)])
     seen = known[GEOMETRY].to_numpy(float)
     chosen: list[dict[str, Any]] = []

@@ -54,6 +54,7 @@ from dldsim.tables.parquet import COLUMNS, read_columns, read_rows, write_table
 SHAPES_EVERY = 2
 """Samples of a run from one recorded shape to the next."""
 CONFIRMED, MISSED = "prediction confirmed", "prediction missed"
+UNINFORMATIVE = "prediction uninformative"
 SIGMAS = 2
 """Numerical uncertainties that a simulated separation must exceed to count as one."""
 
@@ -364,8 +365,7 @@ def _with(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
 
 def _settles(difference: Mapping[str, Any]) -> bool:
     """Whether a prediction said which cell type goes further, and was confirmed."""
-    low, high = difference["predicted_low_deg"], difference["predicted_high_deg"]
-    return difference["agrees"] is True and not low < 0 < high
+    return difference["agrees"] is True
 
 
 def _simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
@@ -435,7 +435,11 @@ def compare(task: Task, populations: Sequence[Population], geometry: Geometry,
 
 
 def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
-    """The row with its interval and whether the simulated value meets it."""
+    """The row with its interval and whether the simulated value meets it.
+
+    An interval of a difference that includes zero does not say which cell type goes further: what
+    meets it is no confirmation, and `agrees` is then not known.
+    """
     low, high = row["predicted_deg"] - half_width_deg, row["predicted_deg"] + half_width_deg
     simulated, sigma = row["simulated_deg"], row["sigma_num_deg"] or 0.0
     agrees = None
@@ -447,8 +451,9 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
         agrees = low - sigma <= simulated <= high + sigma
         off = simulated - row["predicted_deg"]
         verdict = f"{CONFIRMED} (± {half_width_deg:.2f}°)" if agrees else f"{MISSED} by {off:+.2f}°"
-        if agrees and row["population"] == "difference" and low < 0 < high:
-            verdict += ", which left the order open"
+        if agrees and row["population"] == "difference" and low <= 0 <= high:
+            agrees = None
+            verdict = f"{UNINFORMATIVE}: its interval, {low:.2f} to {high:.2f}°, includes zero"
     return {**row, "predicted_low_deg": low, "predicted_high_deg": high, "agrees": agrees,
             "verdict": verdict}
 

@@ -58,8 +58,10 @@ TABLES = {
     "design_tolerances": ("design_tolerances.parquet", "designs"),
     "design_importance": ("design_importance.parquet", "designs"),
     "design_slices": ("design_slices.parquet", "designs"),
+    "design_requests": ("design_requests.parquet", "designs"),
     "verifications": ("verifications.parquet", "verifications"),
     "verified_designs": ("verified_designs.parquet", "verifications"),
+    "verified_requests": ("verified_requests.parquet", "verifications"),
     "learning_curve": ("learning_curve.parquet", "learning_curve"),
     "search_regret": ("search_regret.parquet", "search_regret"),
     "validation": ("validation.parquet", "validation"),
@@ -972,14 +974,15 @@ def _card(campaign: Campaign) -> str:
 
 
 def _designs(campaign: Campaign) -> str:
-    parts = ["<h3>Designs verified by simulation</h3>", *_verified(campaign)]
+    parts = ["<h3>Designs verified by simulation</h3>",
+             *_unanswered(campaign, "verified_requests"), *_verified(campaign)]
     parts.append("<h3>Candidates of the search</h3>")
     if "designs" not in campaign:
         parts.append(campaign.absent("designs"))
-    elif campaign["designs"].empty:
-        parts.append('<p class="absent">No design was asked for.</p>')
     else:
-        parts += _candidates(campaign)
+        parts += _unanswered(campaign, "design_requests")
+        parts += (_candidates(campaign) if len(campaign["designs"]) else
+                  ['<p class="absent">No request has a candidate.</p>'])
     parts.append("<h3>Course of the search</h3>")
     if "design_trials" not in campaign:
         parts.append(campaign.absent("design_trials"))
@@ -1007,6 +1010,15 @@ def _both(table: pd.DataFrame, name: str, decimals: int = 2) -> list[str]:
 def _range(table: pd.DataFrame, low: str, high: str) -> list[str]:
     return [f"{fixed(a, 2)} to {fixed(b, 2)}"
             for a, b in zip(table[low], table[high], strict=True)]
+
+
+def _unanswered(campaign: Campaign, kind: str) -> list[str]:
+    """The requests that failed, with the reason of each."""
+    if kind not in campaign:
+        return []
+    failed = campaign[kind].query("status == 'failed'")
+    return [f'<p class="absent">Request “{text(r["request"])}” failed: {text(r["reason"])} '
+            f"{campaign.sources([kind])}</p>" for _, r in failed.iterrows()]
 
 
 def _verified(campaign: Campaign) -> list[str]:
@@ -1180,7 +1192,7 @@ def _course(campaign: Campaign) -> list[str]:
             "Importance of the parameters: " + text("; ".join(table["evaluator"].unique()))
             + ".", ["design_importance"],
         ))
-    if "design_slices" in campaign and "designs" in campaign:
+    if "designs" in campaign and "design_slices" in campaign and len(campaign["design_slices"]):
         parts.append(campaign.figure(
             "search_slices", design_figures.draw_slices(campaign["design_slices"],
                                                         campaign["designs"]),

@@ -66,6 +66,12 @@ def test_examples_parse(command):
         (["run", *ARRAY, "--set", "1", "--releases", "--release-gap-fraction", "0.3"],
          ["--release-gap-fraction 0.3 has no effect with --releases"]),
         (["run", *ARRAY, "--set", "1", "--releases", "0.5", "1.5"], ["release_gap_fractions"]),
+        (["run", *ARRAY, "--set", "1", "--releases", "0.5", "nan"], ["--releases", "'nan'"]),
+        (["run", *ARRAY, "--set", "1", "--gap-um", "nan"], ["--gap-um", "'nan'", "finite"]),
+        (["constrict", "--set", "1", "--release-position-um", "inf"], ["--release-position-um"]),
+        (["stiffness", "--di", "nan"], ["--di", "'nan'", "finite"]),
+        (["stiffness", "--di", "0.7", "--error", "nan"], ["--error", "'nan'"]),
+        (["anova", "table.csv", "--seed", "-1"], ["--seed", "'-1'"]),
     ],
 )
 def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch):
@@ -74,6 +80,29 @@ def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch)
     assert (code, summary) == (2, None)
     assert all(part in message for part in parts), message
     assert "Traceback" not in message
+
+
+@pytest.mark.parametrize(
+    ("argv", "place", "work"),
+    [
+        (["run", *ARRAY, "--set", "1"], "file", "experiments.array_run.simulate_run"),
+        (["flow", *ARRAY], "folder", "solver.flow.solve_empty_array"),
+        (["constrict", "--set", "1"], "file/x", "experiments.constriction.simulate_constriction"),
+        (["validate", "duct-poiseuille"], "folder", "evidence.validation.run_case"),
+        (["validate", "duct-poiseuille"], "x" * 250, "evidence.validation.run_case"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_told_before_the_work(
+    argv, place, work, capsys, monkeypatch, tmp_path
+):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    monkeypatch.setattr(f"dldsim.{work}", None)
+    monkeypatch.chdir(ROOT)
+    code, summary, message = call(capsys, *argv, "--out", tmp_path / place)
+    assert (code, summary) == (2, None)
+    assert f"--out {tmp_path / place}" in message and "Nothing was calculated" in message
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
 
 
 def test_set_without_configuration(capsys, monkeypatch, tmp_path):
@@ -168,6 +197,7 @@ def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
     assert set(summary["rows"][0]) == {c.name for c in COLUMNS["anova"]}
     assert set(summary["diagnostics"][0]) == {c.name for c in COLUMNS["anova_diagnostics"]}
     assert summary["sobol"] or summary["sobol_refused"]
+    assert call(capsys, "anova", tmp_path / "table.csv", "--seed", 2**64 - 1)[0] == 0
     effects = {r["term"]: r["p_value"] for r in summary["rows"] if r["model"] == "main_effects"}
     assert effects["pillar_radius_um"] < 1e-6 < effects["gap_um"]
 

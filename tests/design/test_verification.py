@@ -137,13 +137,16 @@ def test_budget_is_never_exceeded():
     assert verdicts.designs["stopped"].iloc[0] == "round 1: budget of 5 outcomes spent"
 
 
-def test_a_wide_interval_confirms_nothing_and_the_rounds_go_on():
+def test_an_interval_that_includes_zero_confirms_nothing_and_the_rounds_go_on():
     vague = Known(summit, half=20.0)
     verdicts = check(vague, Nature(summit), rounds=2, designs_per_round=1)
     table = differences(verdicts)
-    assert table["agrees"].tolist() == [True, True]
-    assert table["verdict"].str.contains("left the order open").all()
+    assert table["agrees"].tolist() == [None, None]
+    assert table["verdict"].str.startswith("prediction uninformative: its interval, -").all()
+    assert "prediction confirmed" not in " ".join(verdicts.designs["verdict"])
     assert verdicts.designs["stopped"].iloc[0] == "2 rounds done"
+    missed = differences(check(vague, Nature(lambda r, g, n, d, cell: 200 * d), rounds=1))
+    assert missed["agrees"].tolist() == [False, False]  # that much says even a wide interval
 
 
 def test_a_separation_within_the_numerical_uncertainty_is_none():

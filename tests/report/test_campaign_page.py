@@ -489,6 +489,11 @@ def test_design_table_shows_separation_with_uncertainty(campaign):
     assert row[5:8] == ["4.00 ± 1.70", "–", "2.50 to 4.40"] and row[-2:] == ["yes", "resolved"]
 
 
+def test_a_failed_request_gets_its_reason(campaign):
+    _, page = campaign
+    assert page.raw.count("Request “dead” failed: no &lt;range&gt; left") == 2
+
+
 def test_verified_designs_show_simulation_beside_prediction(campaign):
     _, page = campaign
     row = next(r for r in page.rows if "made-up-1" in r)

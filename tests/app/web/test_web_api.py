@@ -109,7 +109,7 @@ def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):  
     argv = [x for pair in zip(options, map(str, ASK.values()), strict=True) for x in pair]
     done = subprocess.run(  # a process of its own, whose hashes differ
         [sys.executable, "-m", "dldsim", "design", *argv, "--results", campaign, "--output",
-         tmp_path], capture_output=True, text=True)
+         tmp_path], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(designed["files"]) == 1 + 4 * 2
     for file in designed["files"]:

@@ -94,6 +94,7 @@ class Data:
                 try:
                     device, safety, _ = self.settings.campaign()
                     known = design_jobs.read_campaign(self.folder(), device, safety)
+                    design_jobs.check_settings(self.settings.configuration(), known)
                 except DldsimError as error:
                     raise Unavailable(f"The campaign data cannot be used: {error}") from error
                 name = ("the campaign that comes with dldsim" if self.settings.results is None
@@ -199,7 +200,8 @@ def _provenance(known: design_jobs.Campaign, campaign: str | None, name: str, or
         campaign_name=name, origin=origin, outcomes=card["data"]["outcomes"],
         used=card["data"]["used"], measured=measured, geometries=card["data"]["geometries"],
         outcomes_sha256=card["data"]["sha256"], model_sha256=card.get("model_sha256", ""),
-        fitted_by=card["versions"], scores_by_geometry=card["scores_by_geometry"],
+        fitted_by=card["versions"], holds_for=known.model.holds_for,
+        scores_by_geometry=card["scores_by_geometry"],
         warnings=warnings,
     )  # fmt: skip
 
