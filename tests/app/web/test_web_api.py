@@ -13,16 +13,17 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+import yaml
 from fastapi.testclient import TestClient
 
 from dldsim import PHYSICS_VERSION
-from dldsim.app import cli
+from dldsim.app import cli, design_jobs
 from dldsim.app.web import serve
 from dldsim.app.web.api import models
 from dldsim.app.web.api.app import PREFIX, make_app
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import ATTEMPTS_MAX, SEARCH, VERIFICATION, Busy, Store
-from dldsim.config.sections import DesignRequest
+from dldsim.config.sections import DesignRequest, Device
 from dldsim.tables.parquet import COLUMNS, read_table, write_csv, write_table
 from tests.app.test_design_jobs import (
     campaign,  # noqa: F401
@@ -107,6 +108,11 @@ def test_a_design_is_answered_in_full(designed):
 def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):  # noqa: F811
     options = [f"--{k.replace('_', '-')}".replace("stiffness-set-", "set") for k in ASK]
     argv = [x for pair in zip(options, map(str, ASK.values()), strict=True) for x in pair]
+    # the service's configuration, with the moduli that the made-up campaign has
+    config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
+    known = design_jobs.read_campaign(campaign, Device(), 2.0)
+    config["stiffness_sets"] |= known.settings["stiffness_sets"]
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     done = subprocess.run(  # a process of its own, whose hashes differ
         [sys.executable, "-m", "dldsim", "design", *argv, "--results", campaign, "--output",
          tmp_path], capture_output=True, text=True, cwd=tmp_path)
