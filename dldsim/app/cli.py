@@ -5,6 +5,7 @@ Keys of the summaries are the tables' column names.
 """
 
 import argparse
+import codecs
 import contextlib
 import difflib
 import errno
@@ -12,6 +13,8 @@ import json
 import math
 import os
 import sys
+import types
+import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,7 @@ from pydantic import create_model
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.sections import (
     Cell,
+    CellShape,
     Config,
     Constriction,
     ConstrictionGroup,
@@ -66,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     0; 1 (a validation case fails); 2 (bad input); 130 (interrupted).
     """
+    make_printable(sys.stdout, sys.stderr)
     args = _parser().parse_args(argv)
     try:
         summary, lines, *code = args.command(args)
@@ -74,8 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         sys.stderr.write(
-            f"\ndldsim {args.name}: interrupted. Nothing of this {args.name} was written; files "
-            "that were complete before are untouched.\n"
+            f"\ndldsim {args.name}: interrupted. What was being written is gone, files that were "
+            "complete before are untouched.\n"
         )
         return 130
     if args.json:
@@ -104,19 +109,26 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     check_passable(geometry, cell, flow.height_um)
     stiffness = _named(config, "stiffness_sets", args.set, "--set")
     outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
+    shown = [f"--{name}" for name in ("movie", "vtk") if getattr(args, name)]
+    if shown and (args.out is None or args.releases is not None):
+        raise DldsimError(f"{shown[0]} is of one release and is written to --out: give --out DIR, "
+                          "and no --releases.")
     if args.out:
         check_writable(args.out / f"{outcome}_y0.000.trajectory.parquet", "--out")
     from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
     from dldsim.app import jobs
     from dldsim.experiments.array_run import simulate_outcome, simulate_run
+    from dldsim.experiments.vtk import Recorder
 
+    recorder = Recorder() if shown else None
     sections = (geometry, stiffness, cell, flow, numerics, control)
     settings = {s.__class__.__name__: s.model_dump(mode="json") for s in sections}
     with _progress() as progress:
         if args.releases is None:
             name = campaign.run_id(outcome, cell.release_gap_fraction)
             result = simulate_run(*sections, run_id=name, outcome_id=outcome,
-                                  stiffness_set=args.set, progress=progress)
+                                  stiffness_set=args.set, observe=recorder,
+                                  progress=progress)
         else:
             name = outcome
             result = simulate_outcome(*sections, outcome_id=outcome, stiffness_set=args.set,
@@ -128,6 +140,8 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         if args.releases is None:
             files = [args.out / f"{name}.run.parquet", trajectory]
             jobs.write_run(result, *files, settings)
+            if shown:
+                files += _show(args, recorder.shapes(geometry, result), result.row, settings)
         else:
             files = jobs.OutcomeFiles(args.out / f"{name}.outcome.parquet",
                                       args.out / f"{name}.runs.parquet", trajectory)
@@ -135,6 +149,25 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             jobs.write_outcome(result, files, settings)
         summary["files"] = [str(path) for path in files]
     return summary, _listing(summary)
+
+
+def _show(args: argparse.Namespace, shapes, row: Mapping, settings: Mapping) -> list[Path]:
+    """Animation and VTKHDF files of one run, as asked for; returns what was written."""
+    from dldsim.experiments.vtk import write_pillars, write_vtkhdf
+    from dldsim.report.movie import write_animation
+
+    name, files = row["run_id"], []
+    if args.movie:
+        angle = row["migration_angle_deg"]
+        result = row["status"] if angle is None else f"{angle:.2f}°, {row['mode']}"
+        files.append(args.out / f"{name}.passage.gif")
+        write_animation({f"set {args.set}, R {row['cell_radius_um']:g} µm: {result}": shapes},
+                        files[-1])
+    if args.vtk:
+        files += [args.out / f"{name}.vtkhdf", args.out / f"{name}.pillars.vtkhdf"]
+        write_vtkhdf(shapes, files[-2], settings)
+        write_pillars([shapes], files[-1])
+    return files
 
 
 def _control(config: Config | None, args: argparse.Namespace) -> RunControl:
@@ -180,7 +213,11 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     release = args.release_position_um
     if release is None:
         release = channel.release_positions_um[0]
-    sections = [config.cell, config.flow, _channel_numerics(config, args)]
+    given = {k: v for k, v in _given(CellShape, args).items() if k != "axis"}  # the channel's
+    cell = validate(CellShape, config.cell.model_dump() | given)
+    flow = validate(Flow, config.flow.model_dump() | {
+        k: v for k, v in _given(Flow, args).items() if k == "viscosity_mPa_s"})
+    sections = [cell, flow, _channel_numerics(config, args)]
     if args.out:
         check_writable(args.out / f"{name}_at-{release:g}.trajectory.parquet", "--out")
     from dldsim.app import jobs
@@ -510,6 +547,31 @@ def _check_physics(path: Path) -> None:
 
 # ------------------------------------------------------------------------------------------ output
 
+SPELLED = {
+    "µ": "u", "μ": "u", "°": " deg", "±": "+/-", "≥": ">=", "≤": "<=", "≠": "!=", "−": "-",
+    "–": "-", "·": "*", "×": "x", "√": "sqrt", "∞": "inf", "²": "^2", "³": "^3", "₁": "1", "₂": "2",
+    "→": "->", "…": "...", "’": "'", "“": '"', "”": '"', "Δ": "Delta", "α": "alpha",
+    "γ": "gamma", "ε": "epsilon", "η": "eta", "θ": "theta", "κ": "kappa", "λ": "lambda",
+    "ν": "nu", "π": "pi", "σ": "sigma", "τ": "tau", "ω": "omega",
+}  # fmt: skip
+"""What stands for characters that a terminal does not have."""
+
+
+def spell_out(error: UnicodeError) -> tuple[str, int]:
+    """Handler of encoding errors: the characters of SPELLED in ASCII, others as "?"."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(SPELLED.get(c, "?") for c in error.object[error.start : error.end]), error.end
+
+
+def make_printable(*streams: Any) -> None:
+    """Let texts be written to streams of any encoding, such as those of old terminals."""
+    codecs.register_error("dldsim-spelled", spell_out)
+    for stream in streams:
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="dldsim-spelled")
+
+
 
 class _progress:
     """Context: shows sentences on standard error, one over the other on a terminal."""
@@ -726,6 +788,10 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--out", type=Path, metavar="DIR",
                      help="write the run, or the outcome with its runs, and the trajectory there, "
                           "as Parquet")
+    one.add_argument("--movie", action="store_true",
+                     help="write an animation of the passage (GIF) there, too")
+    one.add_argument("--vtk", action="store_true",
+                     help="write membrane over time and pillars for ParaView (VTKHDF) there, too")
 
     empty = _command(commands, "flow", flow, "flow through an array without a cell")
     _add_geometry(empty)
@@ -743,7 +809,10 @@ def _parser() -> argparse.ArgumentParser:
     channel.add_argument("--release-position-um", type=number, metavar="µm",
                          help="release along the flow, from the first possible position; "
                               "default: the first of constriction.release_positions_um")
-    _add_fields(channel, "channel", Constriction, without={"release_positions_um"})
+    _add_fields(channel, "channel", Constriction,
+                without={"release_positions_um", "fixed_velocity_mm_s"})
+    _add_fields(channel, "cell", CellShape, without={"axis"})
+    _add_option(channel, Flow, "viscosity_mPa_s")
     _add_fields(channel, "numerics", Numerics, without={*NOT_IN_CHANNEL})
     _add_config(channel)
     channel.add_argument("--out", type=Path, metavar="DIR",
@@ -884,7 +953,10 @@ def _add_option(parser, model: type[Section], key: str, option: str | None = Non
     """An option for one field of a section, with its unit, choices, meaning, range and default."""
     field = model.model_fields[key]
     kind, choices, unit = field.annotation, None, None
-    if choices := getattr(kind, "__args__", None):  # Literal
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):  # with None for "not given"
+        [kind] = (part for part in typing.get_args(kind) if part is not type(None))
+    if typing.get_origin(kind) is typing.Literal:
+        choices = typing.get_args(kind)
         kind = type(choices[0])
     else:
         unit = next((text for end, text in UNITS.items() if key.endswith(end)),
@@ -894,7 +966,7 @@ def _add_option(parser, model: type[Section], key: str, option: str | None = Non
               for name, sign in signs.items() if getattr(m, name, None) is not None]
     about = f"{field.description} ({', '.join(limits)})" if limits else field.description
     if not required:
-        about += f"; default {field.default}"
+        about += f"; default {'none' if field.default is None else field.default}"
     kind = number if kind is float else kind
     parser.add_argument(option or _option(key), dest=key, type=kind, choices=choices,
                         required=required, metavar=unit, help=about.replace("%", "%%"))
