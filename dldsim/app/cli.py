@@ -44,20 +44,6 @@ from dldsim.config.sections import (
 )
 from dldsim.errors import DldsimError
 
-EXAMPLES = {
-    "run": "python -m dldsim run --pillar-radius-um 10 --gap-um 20 --periodicity 6 --set 1 "
-           "--out single",
-    "flow": "python -m dldsim flow --pillar-radius-um 10 --gap-um 20 --periodicity 6 "
-            "--drive axial --height-um 0 --json",
-    "constrict": "python -m dldsim constrict --set 1 --json",
-    "anova": "python -m dldsim anova results/outcomes.parquet",
-    "stiffness": "python -m dldsim stiffness --di 0.7 --error 0.01",
-    "design": "python -m dldsim design --set1 1 --set2 5 --r1 7.5 --r2 7.5 --gap-um 14 20 "
-              "--objective robust",
-    "validate": "python -m dldsim validate square-arrays membrane-forces --out validation.parquet",
-    "info": "python -m dldsim info results/outcomes.parquet",
-    "serve": "python -m dldsim serve both --results results",
-}
 UNITS = {
     "_um": "µm", "_mm_s": "mm/s", "_mPa_s": "mPa·s", "_nN_s_per_m": "nN·s/m", "_pg": "pg",
 }  # fmt: skip
@@ -772,152 +758,214 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"dldsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for add in (add_run, add_flow, add_constrict, add_anova, add_stiffness,
+                add_design, add_validate, add_serve, add_info):
+        add(commands)
+    return parser
 
-    one = _command(commands, "run", run, "one cell through one array")
-    _add_geometry(one)
-    one.add_argument("--set", required=True, metavar="NAME",
-                     help="stiffness set, a name from stiffness_sets in the configuration")
-    _add_fields(one, "channel and flow", Flow)
-    _add_fields(one, "cell", Cell)
-    _add_fields(one, "numerics", Numerics)
-    _add_fields(one, "when to stop", RunControl, without={"release_gap_fractions"})
-    one.add_argument("--releases", type=number, nargs="*", metavar="X",
-                     help="simulate a whole outcome: release at these places in the gap, in this "
-                          "order, as many as it takes; none named: the configuration's")
-    _add_config(one)
-    one.add_argument("--out", type=Path, metavar="DIR",
-                     help="write the run, or the outcome with its runs, and the trajectory there, "
-                          "as Parquet")
-    one.add_argument("--movie", action="store_true",
-                     help="write an animation of the passage (GIF) there, too")
-    one.add_argument("--vtk", action="store_true",
-                     help="write membrane over time and pillars for ParaView (VTKHDF) there, too")
 
-    empty = _command(commands, "flow", flow, "flow through an array without a cell")
-    _add_geometry(empty)
-    _add_fields(empty, "channel and flow", Flow)
-    _add_fields(empty, "numerics", Numerics)
-    _add_config(empty)
-    empty.add_argument("--out", type=Path, metavar="FILE.npz", help="save the flow there")
+def add_run(commands) -> None:
+    """The command `run`."""
+    parser = _command(
+        commands, "run", run, "one cell through one array",
+        "run --pillar-radius-um 10 --gap-um 20 --periodicity 6 --set 1 --out single",
+    )  # fmt: skip
+    _add_geometry(parser)
+    parser.add_argument("--set", required=True, metavar="NAME",
+                        help="stiffness set, a name from stiffness_sets in the configuration")
+    _add_fields(parser, "channel and flow", Flow)
+    _add_fields(parser, "cell", Cell)
+    _add_fields(parser, "numerics", Numerics)
+    _add_fields(parser, "when to stop", RunControl, without={"release_gap_fractions"})
+    parser.add_argument("--releases", type=number, nargs="*", metavar="X",
+                        help="simulate a whole outcome: release at these places in the gap, in "
+                             "this order, as many as it takes; none named: the configuration's")
+    _add_config(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR",
+                        help="write the run, or the outcome with its runs, and the trajectory "
+                             "there, as Parquet")
+    parser.add_argument("--movie", action="store_true",
+                        help="write an animation of the passage (GIF) there, too")
+    parser.add_argument("--vtk", action="store_true",
+                        help="write membrane over time and pillars for ParaView (VTKHDF) there, "
+                             "too")
 
-    channel = _command(commands, "constrict", constrict, "one cell through the constriction")
-    which = channel.add_mutually_exclusive_group(required=True)
+
+def add_flow(commands) -> None:
+    """The command `flow`."""
+    parser = _command(
+        commands, "flow", flow, "flow through an array without a cell",
+        "flow --pillar-radius-um 10 --gap-um 20 --periodicity 6 --drive axial --height-um "
+        "0 --json",
+    )  # fmt: skip
+    _add_geometry(parser)
+    _add_fields(parser, "channel and flow", Flow)
+    _add_fields(parser, "numerics", Numerics)
+    _add_config(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE.npz", help="save the flow there")
+
+
+def add_constrict(commands) -> None:
+    """The command `constrict`."""
+    parser = _command(
+        commands, "constrict", constrict, "one cell through the constriction",
+        "constrict --set 1 --json",
+    )  # fmt: skip
+    which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--set", metavar="NAME", help="the group that calibrates this stiffness set")
     which.add_argument("--group", metavar="NAME", help="a name from constriction_groups")
-    channel.add_argument("--velocity-mm-s", type=number, metavar="mm/s",
-                         help="mean velocity in the wide channel; default: the group's")
-    channel.add_argument("--release-position-um", type=number, metavar="µm",
-                         help="release along the flow, from the first possible position; "
-                              "default: the first of constriction.release_positions_um")
-    _add_fields(channel, "channel", Constriction,
+    parser.add_argument("--velocity-mm-s", type=number, metavar="mm/s",
+                        help="mean velocity in the wide channel; default: the group's")
+    parser.add_argument("--release-position-um", type=number, metavar="µm",
+                        help="release along the flow, from the first possible position; "
+                             "default: the first of constriction.release_positions_um")
+    _add_fields(parser, "channel", Constriction,
                 without={"release_positions_um", "fixed_velocity_mm_s"})
-    _add_fields(channel, "cell", CellShape, without={"axis"})
-    _add_option(channel, Flow, "viscosity_mPa_s")
-    _add_fields(channel, "numerics", Numerics, without={*NOT_IN_CHANNEL})
-    _add_config(channel)
-    channel.add_argument("--out", type=Path, metavar="DIR",
-                         help="write its row and its trajectory there, as Parquet")
+    _add_fields(parser, "cell", CellShape, without={"axis"})
+    _add_option(parser, Flow, "viscosity_mPa_s")
+    _add_fields(parser, "numerics", Numerics, without={*NOT_IN_CHANNEL})
+    _add_config(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR",
+                        help="write its row and its trajectory there, as Parquet")
 
-    variance = _command(commands, "anova", anova, "analysis of variance of the migration angle")
-    variance.add_argument("table", type=Path, metavar="TABLE",
-                          help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
-                               "periodicity, stiffness_set, deformation_index and "
-                               "migration_angle_deg")
 
-    variance.add_argument("--seed", type=seed, default=1, metavar="N",
-                          help="of permutations and surrogate; default %(default)s")
+def add_anova(commands) -> None:
+    """The command `anova`."""
+    parser = _command(
+        commands, "anova", anova, "analysis of variance of the migration angle",
+        "anova results/outcomes.parquet",
+    )  # fmt: skip
+    parser.add_argument("table", type=Path, metavar="TABLE",
+                        help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
+                             "periodicity, stiffness_set, deformation_index and "
+                             "migration_angle_deg")
 
-    inverse = _command(commands, "stiffness", stiffness, "moduli for a measured deformation index")
-    inverse.add_argument("--di", type=number, required=True, metavar="DI",
-                         help="deformation index, inside the calibrated range")
-    inverse.add_argument("--error", type=number, default=0.0, metavar="±DI",
-                         help="standard error of it; default %(default)s")
-    inverse.add_argument("--design", default="group-velocity",
-                         choices=["group-velocity", "fixed-velocity"],
-                         help="calibration at the groups' own velocities (that of the campaign's "
-                              "deformation indices), or at one velocity; default %(default)s")
-    inverse.add_argument("--results", type=Path, metavar="DIR",
-                         help="campaign whose calibration is taken; default: the campaign that "
-                              "comes with the package")
-    inverse.add_argument("--calibration", type=Path, metavar="FILE",
-                         help="calibration file, instead of the one in the results folder")
+    parser.add_argument("--seed", type=seed, default=1, metavar="N",
+                        help="of permutations and surrogate; default %(default)s")
 
-    wanted = _command(commands, "design", design, "geometries that separate two cell types best")
+
+def add_stiffness(commands) -> None:
+    """The command `stiffness`."""
+    parser = _command(
+        commands, "stiffness", stiffness, "moduli for a measured deformation index",
+        "stiffness --di 0.7 --error 0.01",
+    )  # fmt: skip
+    parser.add_argument("--di", type=number, required=True, metavar="DI",
+                        help="deformation index, inside the calibrated range")
+    parser.add_argument("--error", type=number, default=0.0, metavar="±DI",
+                        help="standard error of it; default %(default)s")
+    parser.add_argument("--design", default="group-velocity",
+                        choices=["group-velocity", "fixed-velocity"],
+                        help="calibration at the groups' own velocities (that of the campaign's "
+                             "deformation indices), or at one velocity; default %(default)s")
+    parser.add_argument("--results", type=Path, metavar="DIR",
+                        help="campaign whose calibration is taken; default: the campaign that "
+                             "comes with the package")
+    parser.add_argument("--calibration", type=Path, metavar="FILE",
+                        help="calibration file, instead of the one in the results folder")
+
+
+def add_design(commands) -> None:
+    """The command `design`."""
+    parser = _command(
+        commands, "design", design, "geometries that separate two cell types best",
+        "design --set1 1 --set2 5 --r1 7.5 --r2 7.5 --gap-um 14 20 --objective robust",
+    )  # fmt: skip
     for i in "12":
-        cell = wanted.add_mutually_exclusive_group(required=True)
+        cell = parser.add_mutually_exclusive_group(required=True)
         cell.add_argument(f"--di{i}", type=number, dest=f"deformation_index_{i}", metavar="DI",
                           help=f"deformation index of cell type {i}, 0 to 1")
         cell.add_argument(f"--set{i}", dest=f"stiffness_set_{i}", metavar="NAME",
                           help=f"stiffness set of cell type {i}, instead")
-        wanted.add_argument(f"--di{i}-std", type=number, dest=f"deformation_index_std_{i}",
+        parser.add_argument(f"--di{i}-std", type=number, dest=f"deformation_index_std_{i}",
                             metavar="X", help=f"spread of it among cells of type {i}; default: the "
                                               "calibration's for a stiffness set, else 0")
-        _add_option(wanted, DesignRequest, f"radius_{i}_um", f"--r{i}")
+        _add_option(parser, DesignRequest, f"radius_{i}_um", f"--r{i}")
     for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", int)):
         low, high = DesignRequest.model_fields[key].default
-        wanted.add_argument(_option(key), type=kind, nargs=2, metavar=("LOW", "HIGH"),
+        parser.add_argument(_option(key), type=kind, nargs=2, metavar=("LOW", "HIGH"),
                             help=f"bounds of the search; default {low:g} {high:g}")
     for key in ("objective", "sampler", "trials", "startup_trials", "grid_steps", "draws",
                 "candidates", "tolerance_um", "height_tolerance_um", "pillar_aspect_ratio_max",
                 "lateral_separation_um"):
-        _add_option(wanted, DesignRequest, key)
-    wanted.add_argument("--pressure-max-kpa", type=number, dest="pressure_max_kPa", metavar="kPa",
+        _add_option(parser, DesignRequest, key)
+    parser.add_argument("--pressure-max-kpa", type=number, dest="pressure_max_kPa", metavar="kPa",
                         help="largest pressure drop over the length which that takes; default: "
                              "no limit")
-    wanted.add_argument("--safety-distance-um", type=number, metavar="µm",
+    parser.add_argument("--safety-distance-um", type=number, metavar="µm",
                         help="a gap must exceed P_r + this; default: the configuration's, or "
                              f"{Sweep.model_fields['safety_distance_um'].default:g}")
-    wanted.add_argument("--seed", type=seed, default=1, metavar="N", help="default %(default)s")
-    wanted.add_argument("--results", type=Path, metavar="DIR",
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="default %(default)s")
+    parser.add_argument("--results", type=Path, metavar="DIR",
                         help="folder with the outcomes, calibration, surrogate (and flows) of a "
                              "campaign; default: the campaign that comes with the package")
-    wanted.add_argument("--verify", action="store_true",
+    parser.add_argument("--verify", action="store_true",
                         help="simulate both cell types in the best designs (minutes)")
-    wanted.add_argument("--output", type=Path, metavar="DIR",
+    parser.add_argument("--output", type=Path, metavar="DIR",
                         help="write tables, the candidates' files (mask, data) and a report "
                              "there, and with --verify those of the simulated designs; default "
                              "with --verify: design-NAME")
-    wanted.add_argument("--request-name", default="request", metavar="NAME",
+    parser.add_argument("--request-name", default="request", metavar="NAME",
                         help="name of files; default %(default)s")
-    _add_config(wanted)
-
-    cases = _command(commands, "validate", run_validation, "cases beside reference values")
-    cases.add_argument("cases", nargs="*", metavar="CASE", help="names of cases; default: all")
-    cases.add_argument("--list", action="store_true", help="list the cases and run none")
-    cases.add_argument("--out", type=Path, metavar="FILE.parquet",
-                       help="write the comparisons there, with a CSV twin")
-
-    service = _command(commands, "serve", serve, "the design service: API, page, or both")
-    service.add_argument("part", choices=["api", "ui", "both"])
-    service.add_argument("--results", type=Path, metavar="DIR",
-                         help="campaign that answers come from; default: the one that comes with "
-                              "the package")
-    service.add_argument("--config", type=Path, metavar="FILE",
-                         help="configuration for device, safety distance and verification; "
-                              "default: ./config.yaml if present, else defaults")
-    service.add_argument("--state", type=Path, metavar="DIR",
-                         help="folder of queue and results; default: dldsim-web in "
-                              "~/.local/state")
-    service.add_argument("--host", metavar="ADDRESS", help="default 127.0.0.1")
-    service.add_argument("--port", type=int, metavar="N", help="of the API; default 8000")
-    service.add_argument("--page-port", type=int, default=8501, metavar="N",
-                         help="default %(default)s")
-    service.add_argument("--api", default="http://127.0.0.1:8000", metavar="URL",
-                         help="API that a page alone asks; default %(default)s")
-    service.add_argument("--workers", type=int, metavar="N",
-                         help="processes that search; default 1")
-    service.add_argument("--verify-workers", type=int, metavar="N",
-                         help="processes that simulate; default 1")
-
-    about = _command(commands, "info", info, "columns, units and provenance of a table")
-    about.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")
-    return parser
+    _add_config(parser)
 
 
-def _command(commands, name: str, function: Callable, purpose: str) -> argparse.ArgumentParser:
+def add_validate(commands) -> None:
+    """The command `validate`."""
+    parser = _command(
+        commands, "validate", run_validation, "cases beside reference values",
+        "validate square-arrays membrane-forces --out validation.parquet",
+    )  # fmt: skip
+    parser.add_argument("cases", nargs="*", metavar="CASE", help="names of cases; default: all")
+    parser.add_argument("--list", action="store_true", help="list the cases and run none")
+    parser.add_argument("--out", type=Path, metavar="FILE.parquet",
+                        help="write the comparisons there, with a CSV twin")
+
+
+def add_serve(commands) -> None:
+    """The command `serve`."""
+    parser = _command(
+        commands, "serve", serve, "the design service: API, page, or both",
+        "serve both --results results",
+    )  # fmt: skip
+    parser.add_argument("part", choices=["api", "ui", "both"])
+    parser.add_argument("--results", type=Path, metavar="DIR",
+                        help="campaign that answers come from; default: the one that comes with "
+                             "the package")
+    parser.add_argument("--config", type=Path, metavar="FILE",
+                        help="configuration for device, safety distance and verification; "
+                             "default: ./config.yaml if present, else defaults")
+    parser.add_argument("--state", type=Path, metavar="DIR",
+                        help="folder of queue and results; default: dldsim-web in "
+                             "~/.local/state")
+    parser.add_argument("--host", metavar="ADDRESS", help="default 127.0.0.1")
+    parser.add_argument("--port", type=int, metavar="N", help="of the API; default 8000")
+    parser.add_argument("--page-port", type=int, default=8501, metavar="N",
+                        help="default %(default)s")
+    parser.add_argument("--api", default="http://127.0.0.1:8000", metavar="URL",
+                        help="API that a page alone asks; default %(default)s")
+    parser.add_argument("--workers", type=int, metavar="N",
+                        help="processes that search; default 1")
+    parser.add_argument("--verify-workers", type=int, metavar="N",
+                        help="processes that simulate; default 1")
+
+
+def add_info(commands) -> None:
+    """The command `info`."""
+    parser = _command(
+        commands, "info", info, "columns, units and provenance of a table",
+        "info results/outcomes.parquet",
+    )  # fmt: skip
+    parser.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")
+
+
+def _command(
+    commands, name: str, function: Callable, purpose: str, example: str
+) -> argparse.ArgumentParser:
+    """The parser of a command that ``function`` carries out."""
     parser = commands.add_parser(
         name, help=purpose, description=f"{purpose.capitalize()}.",
-        epilog=f"example: {EXAMPLES[name]}",
+        epilog=f"example: python -m dldsim {example}",
     )
     parser.set_defaults(command=function, name=name)
     parser.add_argument("--json", action="store_true",
