@@ -31,8 +31,9 @@ FLOORS = [
 A module imports from its own floor and from those before it.
 """
 UPWARDS = {
-    ("dldsim.design.verification", "dldsim.app.jobs"):
+    ("dldsim.design.simulator", "dldsim.app.jobs"):
         "files of an outcome and of its releases are written by the jobs of the campaign",
+    ("dldsim.design.rounds", "dldsim.app.jobs"): "the kind of what is told of progress",
 }  # fmt: skip
 """Imports that break the rule, each with its reason."""
 
@@ -51,12 +52,17 @@ LIGHT = {
     "dldsim.evidence.stability_sweep",
     "dldsim.evidence.validation",
     "dldsim.app.cli",
+    *(f"dldsim.app.commands.{name}" for name in (
+        "design", "options", "output", "service", "settings", "simulation", "tables",
+        "validation")),
 }
 """Read by rule files and at the start of every command: no heavy import at their top."""
 HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
          "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}  # fmt: skip
 WITHOUT_KERNELS = ("dldsim.config", "dldsim.tables", "dldsim.analysis", "dldsim.report",
-                   "dldsim.design.search", "dldsim.design.mask")  # fmt: skip
+                   *(f"dldsim.design.{name}" for name in (
+                       "candidates", "chip", "finished_campaign", "mask", "populations", "search",
+                       "task", "verdict", "verified")))  # fmt: skip
 """These read tables and never touch a kernel."""
 RUNS = {"dldsim.experiments.array_run", "dldsim.experiments.constriction"}
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}

@@ -13,11 +13,13 @@ from PIL import Image
 
 from dldsim import PHYSICS_VERSION
 from dldsim.app import cli
+from dldsim.app.commands import output
 from dldsim.experiments.vtk import read_vtkhdf
 from dldsim.tables.parquet import COLUMNS, describe, read_rows, read_table, write_table
 
 ROOT = Path(__file__).parents[2]
-[COMMANDS] = [action.choices for action in cli._parser()._actions if action.dest == "==SUPPRESS=="]
+[COMMANDS] = [action.choices for action in cli.make_parser()._actions
+              if action.dest == "==SUPPRESS=="]
 ARRAY = ["--pillar-radius-um", "5", "--gap-um", "20", "--periodicity", "4"]
 OUTCOMES = ROOT / "dldsim" / "data" / "campaign" / "outcomes.parquet"
 COARSE = ["--spacing-um", "2.5", "--config", str(ROOT / "config.yaml")]
@@ -61,13 +63,15 @@ def test_any_terminal_shows_all_texts(words, encoding):
 
 
 def test_every_character_of_the_texts_can_be_spelled(capsys):
-    texts = [Path(cli.__file__).read_text(encoding="utf-8")]
+    folder = Path(output.__file__).parent
+    texts = [path.read_text(encoding="utf-8") for path in folder.glob("*.py")]
+    assert len(texts) > 5
     for command in COMMANDS:
         with pytest.raises(SystemExit):
             cli.main([command, "--help"])
         texts.append(capsys.readouterr().out)
     texts += [f"{c.unit} {c.description}" for columns in COLUMNS.values() for c in columns]
-    assert {c for c in "".join(texts) if ord(c) > 127} <= set(cli.SPELLED)
+    assert {c for c in "".join(texts) if ord(c) > 127} <= set(output.SPELLED)
 
 
 @pytest.mark.parametrize("module", ["dldsim.app.cli", "argparse"])
@@ -91,7 +95,7 @@ def test_interrupted_before_it_begins_there_is_no_traceback(module, tmp_path):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_examples_parse(command):
     words = COMMANDS[command].epilog.split()[4:]
-    assert cli._parser().parse_args(words).name == command
+    assert cli.make_parser().parse_args(words).name == command
 
 
 @pytest.mark.parametrize(
@@ -217,7 +221,7 @@ def test_run_with_releases_writes_an_outcome(capsys, tmp_path):
 def test_anova_refuses_a_table_of_another_physics_version(capsys, tmp_path, monkeypatch):
     path = tmp_path / "outcomes.parquet"
     write_table("outcomes", [], path, {})
-    monkeypatch.setattr("dldsim.app.cli.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    monkeypatch.setattr("dldsim.app.commands.tables.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     code, _, message = call(capsys, "anova", path)
     assert code == 2 and f"made by physics version {PHYSICS_VERSION}" in message
 

@@ -11,7 +11,7 @@ import yaml
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
-from dldsim.app import design_jobs
+from dldsim.app import design_answers, design_jobs
 from dldsim.config.sections import (
     DesignRequest,
     Device,
@@ -21,6 +21,7 @@ from dldsim.config.sections import (
     Verification,
     resolve,
 )
+from dldsim.design import finished_campaign
 from dldsim.design.search import search
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import COLUMNS, read_rows, read_table, write_table
@@ -88,7 +89,7 @@ def test_design_answers_within_a_minute(capsys, campaign, tmp_path):
     assert first["pressure_drop_kPa"] > 0 and "interpolated" in first["pressure_basis"]
     assert summary["request"]["deformation_index_std_1"] == 0.01  # the calibration's
     assert summary["verified_designs"] is None
-    for kind in design_jobs.SEARCH:
+    for kind in design_answers.SEARCH:
         assert len(read_rows(kind, tmp_path / f"{kind}.parquet")) > 0
     written = read_rows("designs", tmp_path / "designs.parquet")
     assert [d["gap_um"] for d in summary["designs"]] == [d["gap_um"] for d in written]
@@ -149,7 +150,7 @@ def test_a_design_with_a_fixed_dimension_is_written(capsys, campaign, tmp_path):
 )  # fmt: skip
 def test_what_no_search_can_serve_is_told_before_it(capsys, campaign, tmp_path, monkeypatch, argv,
                                                     parts):
-    monkeypatch.setattr("dldsim.app.design_jobs.search", None)
+    monkeypatch.setattr("dldsim.app.design_answers.search", None)
     (tmp_path / "file").write_text("")
     code, summary, message = call(capsys, "design", *ASK, *argv, "--results", campaign)
     assert (code, summary) == (2, None)
@@ -192,17 +193,17 @@ def test_settings_that_the_campaign_cannot_serve_are_refused(capsys, tmp_path, o
 
 
 def test_numerics_matter_only_to_a_simulation(campaign):
-    known = design_jobs.read_campaign(campaign, Device(), 2.0)
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
     config = resolve(yaml.safe_load(CONFIG), {"numerics": {"spacing_um": 0.8}})
     request = DesignRequest(name="r", deformation_index_1=0.5, deformation_index_2=0.7,
                             radius_1_um=7, radius_2_um=7)
-    design_jobs.check_settings(config, known, request)
+    finished_campaign.check_settings(config, known, request)
     with pytest.raises(DldsimError, match=r"numerics\.spacing_um = 0\.8 .* 1\.25"):
-        design_jobs.check_settings(config, known, request, simulate=True)
+        finished_campaign.check_settings(config, known, request, simulate=True)
 
 
 def job_settings(campaign, *requests):
-    known = design_jobs.read_campaign(campaign, Device(), 2.0)
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
     budget = Verification(rounds=1).model_dump()
     return {**known.settings, "seed": 1, "design_requests": list(requests), "verification": budget}
 
@@ -223,14 +224,14 @@ def inputs_of(campaign):
 )
 def test_a_failed_request_takes_no_other_with_it(campaign, tmp_path, bad, reason):
     settings = job_settings(campaign, {**GOOD, **bad, "name": "bad"}, GOOD)
-    kinds = (*design_jobs.SEARCH, "design_requests")
+    kinds = (*design_answers.SEARCH, "design_requests")
     tables = {kind: tmp_path / f"{kind}.parquet" for kind in kinds}
     said = []
     design_jobs.design_job(settings, tables=tables, progress=said.append, **inputs_of(campaign))
     bad_row, good_row = read_rows("design_requests", tables["design_requests"])
     assert bad_row["status"] == "failed" and reason in bad_row["reason"] and reason in said[0]
     assert good_row == {"request": "good", "status": "answered", "reason": ""}
-    for kind in design_jobs.SEARCH:
+    for kind in design_answers.SEARCH:
         assert {row["request"] for row in read_rows(kind, tables[kind])} == {"good"}
     design_jobs.regret_job(settings, table=tmp_path / "regret.parquet", progress=said.append,
                            **inputs_of(campaign))
@@ -240,10 +241,10 @@ def test_a_failed_request_takes_no_other_with_it(campaign, tmp_path, bad, reason
 
 def test_a_campaign_of_failed_requests_only_has_empty_tables(campaign, tmp_path):
     settings = job_settings(campaign, {**GOOD, "stiffness_set_1": "dead"})
-    kinds = (*design_jobs.SEARCH, "design_requests")
+    kinds = (*design_answers.SEARCH, "design_requests")
     tables = {kind: tmp_path / f"{kind}.parquet" for kind in kinds}
     design_jobs.design_job(settings, tables=tables, progress=print, **inputs_of(campaign))
-    assert not any(read_rows(kind, tables[kind]) for kind in design_jobs.SEARCH)
+    assert not any(read_rows(kind, tables[kind]) for kind in design_answers.SEARCH)
     out = {name: tmp_path / f"{name}.parquet"
            for name in ("verifications", "designs", "added", "requests")}
     design_jobs.verify_job("good", settings, outcomes=campaign / "outcomes.parquet", **out,
@@ -265,7 +266,7 @@ def test_a_campaign_of_failed_requests_only_has_empty_tables(campaign, tmp_path)
 def test_too_few_flows_leave_the_pressure_unknown_and_say_why(campaign, tmp_path):
     settings = job_settings(campaign, GOOD)
     flows = read_table("flows", campaign / "flows.parquet").head(3)
-    chip = design_jobs.make_chip(settings, flows)
+    chip = finished_campaign.make_chip(settings, flows)
     assert chip.pressure_basis.startswith("not known: 3 flows are too few")
     with pytest.raises(DldsimError, match="pressure_max_kPa = 1 .*3 flows are too few"):
         search(Known(hill), ask(pressure_max_kPa=1.0), chip, 1)
@@ -310,15 +311,15 @@ def test_without_flows_there_is_no_pressure_drop(capsys, campaign, tmp_path):
 
 
 def test_without_a_campaign_the_remedy_is_told(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("dldsim.app.design_jobs.CAMPAIGN_DATA", tmp_path / "none")
+    monkeypatch.setattr("dldsim.design.finished_campaign.CAMPAIGN_DATA", tmp_path / "none")
     code, _, message = call(capsys, "design", *ASK)
     assert code == 2 and "--results" in message
 
 
 def test_a_campaign_of_another_physics_version_gives_no_answer(capsys, campaign, monkeypatch):
-    monkeypatch.setattr("dldsim.app.design_jobs.CAMPAIGN_DATA", campaign)
+    monkeypatch.setattr("dldsim.design.finished_campaign.CAMPAIGN_DATA", campaign)
     assert call(capsys, "design", *ASK)[0] == 0
-    monkeypatch.setattr("dldsim.app.design_jobs.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    monkeypatch.setattr("dldsim.design.finished_campaign.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     code, _, message = call(capsys, "design", *ASK)
     assert code == 2 and f"is of physics version {PHYSICS_VERSION}, this is" in message
     code, _, message = call(capsys, "stiffness", "--di", 0.6)
@@ -327,24 +328,25 @@ def test_a_campaign_of_another_physics_version_gives_no_answer(capsys, campaign,
 
 def test_a_kept_campaign_answers_like_its_results(campaign, tmp_path):
     kept = tmp_path / "kept"
-    design_jobs.keep_campaign(campaign, kept)
-    first, second = (design_jobs.read_campaign(place, Device(), 2.0) for place in (campaign, kept))
+    finished_campaign.keep_campaign(campaign, kept)
+    first, second = (finished_campaign.read_campaign(place, Device(), 2.0)
+                     for place in (campaign, kept))
     assert first.settings == second.settings and first.model.card == second.model.card
     for kind, table in first.tables.items():
         assert table.equals(second.tables[kind])
     (kept / "flows.parquet").unlink()
     with pytest.raises(DldsimError, match=r"flows\.parquet"):
-        design_jobs.keep_campaign(kept, tmp_path / "again")
+        finished_campaign.keep_campaign(kept, tmp_path / "again")
 
 
 def test_settings_are_those_of_the_runs(campaign):
-    known = design_jobs.read_campaign(campaign, Device(), 2.0)
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
     assert Flow(**known.settings["flow"]) == Flow()
     assert known.settings["flow"]["viscosity_mPa_s"] == 1.5
     assert Numerics(**known.settings["numerics"]) == Numerics()
     assert known.settings["run_control"]["max_rows"] == 7
     assert known.settings["stiffness_sets"]["3"]["ks_uN_per_m"] == 20.3
-    scene = design_jobs.scene_of(known.settings)
+    scene = design_answers.scene_of(known.settings)
     assert scene.cell.axis == "y" and scene.flow.height_um == 20.0
 
 
@@ -352,16 +354,16 @@ def test_runs_of_several_channels_are_refused(campaign):
     outcomes = read_table("outcomes", campaign / "outcomes.parquet")
     outcomes.loc[0, "height_um"] = 30.0
     with pytest.raises(DldsimError, match="mixes several values of height_um"):
-        design_jobs.settings_of_outcomes(outcomes)
+        finished_campaign.settings_of_outcomes(outcomes)
 
 
 def test_spread_of_a_set_is_the_calibrations(campaign):
     calibration = read_table("calibration", campaign / "calibration.parquet")
     request = DesignRequest(name="r", stiffness_set_1="1", deformation_index_2=0.7,
                             deformation_index_std_2=0.02)
-    resolved = design_jobs.by_deformation_index(request, calibration)
+    resolved = design_answers.by_deformation_index(request, calibration)
     assert resolved.deformation_index_1 == pytest.approx(0.5)
     assert resolved.deformation_index_std_1 == pytest.approx(0.01)
     assert resolved.deformation_index_std_2 == 0.02
     with pytest.raises(DldsimError, match="need a calibration"):
-        design_jobs.by_deformation_index(request, None)
+        design_answers.by_deformation_index(request, None)

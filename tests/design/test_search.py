@@ -8,16 +8,10 @@ import pytest
 
 from dldsim.analysis import surrogate
 from dldsim.config.sections import DesignRequest, Device, Flow
-from dldsim.design.search import (
-    Chip,
-    Resistance,
-    Task,
-    regret,
-    search,
-    squeezed_width_um,
-    transition_geometries,
-    violations,
-)
+from dldsim.design.candidates import transition_geometries
+from dldsim.design.chip import Chip, Resistance
+from dldsim.design.search import regret, search
+from dldsim.design.task import Task, squeezed_width_um, violations
 from dldsim.errors import DldsimError
 from tests.analysis.test_surrogate import make_outcomes
 

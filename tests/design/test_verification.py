@@ -9,16 +9,10 @@ import pytest
 
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.config.sections import Verification as Budget
-from dldsim.design.verification import (
-    Population,
-    Scene,
-    Simulator,
-    conditions,
-    make_populations,
-    plain,
-    stiffness_at,
-    verify,
-)
+from dldsim.design.populations import Population, make_populations, stiffness_at
+from dldsim.design.rounds import verify
+from dldsim.design.simulator import Scene, Simulator, conditions
+from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
 from dldsim.experiments import array_run
 from dldsim.experiments.migration import mode_of
