@@ -33,12 +33,19 @@ def make_populations(
     deformation index, and the other moduli are those that the campaign's sets have at this k_s,
     linear between sets: the calibration's groups have other bending moduli, which no array run has.
 
-    Raises DldsimError outside the calibrated range and beyond the sets.
+    Raises DldsimError for a set of which the campaign has no moduli, outside the calibrated range,
+    and beyond the sets.
     """
     found = []
     for i in (1, 2):
         index = getattr(resolved, f"deformation_index_{i}")
         named = getattr(request, f"stiffness_set_{i}")
+        if named is not None and named not in sets:
+            raise DldsimError(
+                f"design request {request.name}: stiffness_set_{i} = {named} was not simulated in "
+                f"this campaign, which has {', '.join(sorted(sets))}. Its angles can be predicted "
+                "by its deformation index; to simulate it, name one of these or another campaign."
+            )
         if named is not None:
             stiffness, basis = sets[named], f"stiffness set {named}"
         else:

@@ -256,6 +256,9 @@ def test_a_named_set_is_simulated_as_it_is():
     first, second = make_populations(request, ask(deformation_index_1=0.4), CALIBRATION, SETS)
     assert first.stiffness == SETS["soft"] and first.basis == "stiffness set soft"
     assert first.deformation_index == 0.4
+    with pytest.raises(DldsimError, match="stiffness_set_1 = other was not .* soft, stiff"):
+        make_populations(ask(deformation_index_1=None, stiffness_set_1="other"),
+                         ask(deformation_index_1=0.4), CALIBRATION, SETS)
     # k_b is the sets', not the group's, which differs as in the source's table
     assert second.stiffness == SETS["stiff"] and "inverse of the calibration" in second.basis
 
