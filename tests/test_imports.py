@@ -61,8 +61,8 @@ HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels
          "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}  # fmt: skip
 WITHOUT_KERNELS = ("dldsim.config", "dldsim.tables", "dldsim.analysis", "dldsim.report",
                    *(f"dldsim.design.{name}" for name in (
-                       "candidates", "chip", "finished_campaign", "mask", "populations", "search",
-                       "task", "verdict", "verified")))  # fmt: skip
+                       "candidates", "chip", "finished_campaign", "layout", "mask", "populations",
+                       "search", "task", "verdict", "verified")))  # fmt: skip
 """These read tables and never touch a kernel."""
 RUNS = {"dldsim.experiments.array_run", "dldsim.experiments.constriction"}
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}

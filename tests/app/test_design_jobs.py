@@ -11,7 +11,7 @@ import yaml
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
-from dldsim.app import design_answers, design_jobs
+from dldsim.app import cli, design_answers, design_jobs
 from dldsim.config.sections import (
     DesignRequest,
     Device,
@@ -28,6 +28,8 @@ from dldsim.tables.parquet import COLUMNS, read_rows, read_table, write_table
 from tests.analysis.test_surrogate import make_outcomes
 from tests.app.test_cli import call
 from tests.design.test_search import Known, ask, hill, make_flows
+from tests.design.test_verification import Nature, summit
+from tests.design.test_verification import check as check_designs
 
 SETS = {"1": 5.1, "2": 10.0, "3": 20.3}
 ASK = ["--set1", "1", "--set2", "3", "--trials", "30", "--startup-trials", "15"]
@@ -96,8 +98,6 @@ def test_design_answers_within_a_minute(capsys, campaign, tmp_path):
 
 
 def test_design_prints_a_summary_to_be_read(capsys, campaign):
-    from dldsim.app import cli
-
     assert cli.main(["design", *ASK, "--results", str(campaign)]) == 0
     text = capsys.readouterr().out
     for words in ("predicted, not simulated", "one thing off", "importance (", "Add --verify",
@@ -132,6 +132,29 @@ def test_a_design_with_a_fixed_dimension_is_written(capsys, campaign, tmp_path):
                                 "--results", campaign, "--output", tmp_path / "made")
         assert code == 0 and summary["designs"][0]["gap_um"] == 16
         assert (tmp_path / "made" / "report.html").exists()
+
+
+def test_verified_designs_are_printed_and_written(capsys, campaign, tmp_path, monkeypatch):
+    """With what a simulation would say, from a formula."""
+    asked = {}
+
+    def verify_request(request, settings, chip, model, tables, *, work, files, progress):
+        asked.update(work=work, sets=settings["stiffness_sets"])
+        files.mkdir(parents=True, exist_ok=True)
+        return check_designs(Known(summit), Nature(summit), rounds=1, designs_per_round=1)
+
+    monkeypatch.setattr("dldsim.app.design_answers.verify_request", verify_request)
+    code, summary, _ = call(capsys, "design", *ASK, "--results", campaign, "--verify")
+    assert code == 0 and summary["verified_designs"][0]["verdict"].startswith("separates by")
+    folder = tmp_path / "design-request"
+    assert asked["work"] == Path("design-request/outcomes") and set(asked["sets"]) == {*SETS}
+    assert len(read_rows("verified_designs", folder / "verified_designs.parquet")) == 1
+    assert (folder / "report.html").exists()
+    argv = ["design", *ASK, "--results", campaign, "--verify", "--candidates", 1]
+    assert cli.main(list(map(str, argv))) == 0
+    text = capsys.readouterr().out
+    assert "Simulated differences" in text and "predictions confirmed." in text
+    assert "Add --verify" not in text
 
 
 @pytest.mark.parametrize(

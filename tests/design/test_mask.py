@@ -11,7 +11,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from dldsim.config.sections import Device, Geometry
-from dldsim.design.mask import Population, draw_mask, make_layout, write_dxf, write_gds
+from dldsim.design.layout import Stream, make_layout
+from dldsim.design.mask import draw_mask, write_dxf, write_gds
 from dldsim.errors import DldsimError
 
 NM = 1e-3
@@ -22,7 +23,7 @@ GEOMETRIES = [(7.3218, 16.345, 8), (5.0, 12.0, 4), (12.0, 22.0, 11), (6.0, 14.0,
 
 def layout_of(radius, gap, periodicity, device=SMALL, angles=(0.4, 4.0)):
     geometry = Geometry(pillar_radius_um=radius, gap_um=gap, periodicity=periodicity)
-    cells = [Population(f"cell {i}", 7.5, a, 0.5) for i, a in enumerate(angles, 1)]
+    cells = [Stream(f"cell {i}", 7.5, a, 0.5) for i, a in enumerate(angles, 1)]
     return make_layout(geometry, device, cells, "a-design-01")
 
 
@@ -191,7 +192,7 @@ def test_expected_exits_follow_from_the_angles():
 
 def test_an_unknown_error_gives_no_range():
     geometry = Geometry(pillar_radius_um=6, gap_um=14, periodicity=8)
-    cells = [Population("a", 7.5, 1.0), Population("b", 7.5, 5.0)]
+    cells = [Stream("a", 7.5, 1.0), Stream("b", 7.5, 5.0)]
     for exit_ in make_layout(geometry, Device(), cells, "d").expected()["populations"]:
         assert exit_["exit_lowest_um"] is exit_["exit_highest_um"] is None
 
