@@ -24,7 +24,7 @@ schema: $(VENV)/installed
 	$(BIN)/python -m dldsim.config.sections workflow/schemas/config.schema.json
 
 data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
-	$(BIN)/python -m dldsim.app.design_jobs results
+	$(BIN)/python -m dldsim.design.finished_campaign results
 
 reference: $(VENV)/installed  # results/reference becomes what the package is judged by
 	$(BIN)/python -m dldsim.evidence.reference_study results

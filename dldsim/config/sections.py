@@ -283,7 +283,8 @@ class Device(Section):
 
 
 Length = Annotated[float, Field(gt=0, lt=1000), AfterValidator(_thousandths)]
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9-]+$")]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9-]{1,64}$")]
+"""Part of file names, which may not be longer than some 255 characters."""
 
 
 class Sweep(Section):
@@ -328,7 +329,8 @@ class Sweep(Section):
         return [_thousandths(pillar_radius_um + self.gap_minus_radius_um)]
 
 
-Bounds = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+Bound = Annotated[float, Field(gt=0, lt=1000)]
+Bounds = tuple[Bound, Bound]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -339,7 +341,7 @@ class DesignRequest(Section):
     deformation index is then taken.
     """
 
-    name: Name = Field(description="letters, digits and hyphens")
+    name: Name = Field(description="letters, digits and hyphens, 64 at most")
     deformation_index_1: Fraction | None = Field(None, description="of the first cell type")
     deformation_index_2: Fraction | None = Field(None, description="of the second cell type")
     deformation_index_std_1: Annotated[float, Field(ge=0)] | None = Field(
@@ -365,11 +367,15 @@ class DesignRequest(Section):
     sampler: Literal["tpe", "grid"] = Field(
         "tpe", description="Parzen estimator with so many trials, or every point of a grid"
     )
-    trials: int = Field(100, ge=1, description="trials of the search, 50 to 200 are typical")
-    startup_trials: int = Field(20, ge=1, description="random trials before the model guides")
+    trials: int = Field(
+        100, ge=1, le=10_000, description="trials of the search, 50 to 200 are typical"
+    )
+    startup_trials: int = Field(
+        20, ge=1, le=10_000, description="random trials before the model guides"
+    )
     grid_steps: int = Field(17, ge=2, le=65, description="values of P_r and of P_g in the grid")
     draws: int = Field(64, ge=8, le=4096, description="Monte Carlo draws of the robust objective")
-    candidates: int = Field(5, ge=1, description="candidates to report")
+    candidates: int = Field(5, ge=1, le=100, description="candidates to report")
     tolerance_um: float = Field(0.5, ge=0, description="± on P_r and P_g in the tolerance analysis")
     height_tolerance_um: float = Field(
         1.0, ge=0, description="± on the channel height, which only a simulation can judge"
@@ -579,7 +585,7 @@ class Config(Section):
     """One campaign, every setting in place."""
 
     preset: str = Field("quick", description="name of the preset in force")
-    seed: int = Field(1, ge=0, description="seed of everything random")
+    seed: int = Field(1, ge=0, lt=2**64, description="seed of everything random")
     sweep: Sweep
     cell: CellShape = CellShape()
     flow: Flow = Flow()

@@ -73,7 +73,7 @@ def make_report(results_dir: Path, output: Path, config: Mapping[str, Any]) -> N
     the page with the reason. Raises DldsimError only where there is nothing to show.
     """
     results, output = Path(results_dir), Path(output)
-    inputs = read_inputs(results, config.get("design_requests") or ())
+    inputs = read_inputs(results)
     page = Page(results, output, config, inputs.tables)
     shown, failed = render_sections(page, SECTIONS)
     missing = [*inputs.missing, *failed]

@@ -162,13 +162,17 @@ def draw_slices(slices: pd.DataFrame, designs: pd.DataFrame) -> Figure:
     for row, request in zip(panels, requests, strict=True):
         of_request = slices[slices["request"] == request]
         most = max(float(of_request["difference_deg"].abs().max()), 1e-6)
+        norm = matplotlib.colors.Normalize(-most, most)
         best = designs[(designs["request"] == request) & (designs["design"] == 1)].iloc[0]
         for panel, (x, y) in zip(row, pairs, strict=True):
             part = of_request[(of_request["x_parameter"] == x) & (of_request["y_parameter"] == y)]
+            if part.empty:  # a bound of this request leaves one value
+                panel.set_axis_off()
+                continue
             known = part["inside_training_domain"] & part["feasible"]
             table = part.pivot(index="y", columns="x", values="difference_deg")
-            image = panel.contourf(table.columns, table.index, table.to_numpy(), 16, cmap="PuOr",
-                                   vmin=-most, vmax=most)
+            panel.contourf(table.columns, table.index, table.to_numpy(), 16, cmap="PuOr",
+                           norm=norm)
             hidden = part.assign(hidden=~known).pivot(index="y", columns="x", values="hidden")
             panel.contourf(table.columns, table.index, hidden.to_numpy(float), [0.5, 1.5],
                            colors="none", hatches=["////"])
@@ -176,7 +180,7 @@ def draw_slices(slices: pd.DataFrame, designs: pd.DataFrame) -> Figure:
             panel.set(xlabel=PARAMETERS[x], ylabel=PARAMETERS[y])
             panel.grid(False)
         row[0].set_title(request)
-        scale = matplotlib.cm.ScalarMappable(matplotlib.colors.Normalize(-most, most), image.cmap)
+        scale = matplotlib.cm.ScalarMappable(norm, "PuOr")
         figure.colorbar(scale, ax=row.tolist(), label="angle 2 − angle 1 [°]", shrink=0.9)
     return figure
 

@@ -50,6 +50,7 @@ def _origin(page: Page) -> dict:
         "its error on arrays never seen":
             f"median {scores['median_absolute_error_deg']:.2f}°, root mean square "
             f"{scores['rmse_deg']:.2f}°",
+        "holds for": settings["holds_for"],
         "flow": json.dumps(settings["flow"], ensure_ascii=False),
         **{f"request: {key}": json.dumps(value, ensure_ascii=False)
            for key, value in request.items() if value is not None},

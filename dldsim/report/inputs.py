@@ -1,6 +1,6 @@
 """The tables of a results folder: what is there, and what is not and why."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,8 +30,10 @@ TABLES = {
     "design_tolerances": ("design_tolerances.parquet", "designs"),
     "design_importance": ("design_importance.parquet", "designs"),
     "design_slices": ("design_slices.parquet", "designs"),
+    "design_requests": ("design_requests.parquet", "designs"),
     "verifications": ("verifications.parquet", "verifications"),
     "verified_designs": ("verified_designs.parquet", "verifications"),
+    "verified_requests": ("verified_requests.parquet", "verifications"),
     "learning_curve": ("learning_curve.parquet", "learning_curve"),
     "search_regret": ("search_regret.parquet", "search_regret"),
     "validation": ("validation.parquet", "validation"),
@@ -69,11 +71,10 @@ class Inputs(NamedTuple):
     outdated: list[str]
 
 
-def read_inputs(results: Path, requests: Iterable[Mapping[str, Any]] = ()) -> Inputs:
+def read_inputs(results: Path) -> Inputs:
     """Every table that can be read, and the reason for every other.
 
-    ``requests``: the design requests of the configuration; one without rows is missing. Raises
-    DldsimError where there is nothing to show.
+    Raises DldsimError where there is nothing to show.
     """
     results = Path(results)
     tables, missing, studies, outdated = {}, [], [], []
@@ -103,23 +104,18 @@ def read_inputs(results: Path, requests: Iterable[Mapping[str, Any]] = ()) -> In
         reasons = "\n".join(f"  {what}: {why}" for what, why, _ in missing)
         raise DldsimError(f"{results} has no table with a row, so there is nothing to report. Run "
                           f"`snakemake -j2 all`, or name another folder.\n{reasons}")
-    return Inputs(tables, missing + _failed_requests(results, tables, requests), studies, outdated)
+    return Inputs(tables, missing + _failed_requests(tables), studies, outdated)
 
 
-def _failed_requests(results: Path, tables: Mapping, requests: Iterable[Mapping]) -> list[Missing]:
-    """Requests that have no row in a table that has some of others."""
+def _failed_requests(tables: Mapping[str, pd.DataFrame]) -> list[Missing]:
+    """Requests that failed while others were answered."""
     found = []
-    for kind, what in (("designs", "candidates"), ("verified_designs", "simulated designs")):
-        if kind not in tables:
-            continue
-        known = set(tables[kind]["request"])
-        rule = "designs" if kind == "designs" else "verifications"
-        for name in (request["name"] for request in requests):
-            if name not in known:
-                log = "logs/designs.log" if kind == "designs" else f"logs/verify/{name}.log"
-                why = f"{TABLES[kind][0]} has no row of it.{_last_words(results / log)}"
-                found.append(Missing(f"{what} of the request {name}", why,
-                                     f"snakemake -j2 {rule}"))
+    parts = {"design_requests": "candidates", "verified_requests": "simulated designs"}
+    for kind, what in parts.items():
+        if kind in tables:
+            failed = tables[kind].query("status == 'failed'")
+            found += [Missing(f"{what} of the request {row['request']}", row["reason"],
+                              f"snakemake -j2 {TABLES[kind][1]}") for _, row in failed.iterrows()]
     return found
 
 

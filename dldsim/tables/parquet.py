@@ -96,6 +96,11 @@ _LAG = _real("lag_number", "1", "relaxation time of the fluid / time in which th
              "its radius, twice: U·2R/ν where the cell is the largest length")
 _LEFT_OUT = _text("left_out", "what the scene did without")
 _NUMERICS = _text("numerics", "numerics asked for, JSON; the time step may be shorter")
+_REQUESTS = (
+    _text("request", "name of the design request"),
+    _text("status", "answered or failed"),
+    _text("reason", "why it failed"),
+)
 _STATUS = (
     _text("status", "how the run ended"),
     _text("stop_reason", "why it ended so"),
@@ -499,7 +504,8 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _text("mode", "simulated mode; of both for the difference"),
         _text("status", "status of the outcome; of both for the difference"),
         _real("wall_time_s", "s", "wall time", nullable=True),
-        _flag("agrees", "simulated ± σ_num meets the interval; null: nothing to compare", True),
+        _flag("agrees", "simulated ± σ_num meets the interval; null: nothing to compare, or an "
+              "interval of the difference that includes zero", True),
         _text("verdict", "the same in words"),
         _text("note", "what to know about this row"),
     ),
@@ -538,7 +544,8 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         ),
         _text("pressure_basis", "where permeability and pressure drop come from"),
         _real("throughput_uL_per_h", "µL/h", "flow through the width of the device's array"),
-        _flag("agrees", "whether prediction and simulation agree; null: not comparable", True),
+        _flag("agrees", "whether prediction and simulation agree; null: not comparable, or the "
+              "prediction left the order open", True),
         _flag("separates", "beyond 2 σ_num from all releases, at two settings; null: open", True),
         _text("verdict", "the same in words"),
         _text("stopped", "why the rounds of the request ended"),
@@ -689,6 +696,8 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _real("fit_time_s", "s", "time of the fit"),
         _real("simulation_time_s", "s", "wall time of the outcomes learnt from", nullable=True),
     ),
+    "design_requests": _REQUESTS,
+    "verified_requests": _REQUESTS,
     "search_regret": (
         _text("request", "name of the design request"),
         _text("method", "tpe, random, or grid: exhaustive"),

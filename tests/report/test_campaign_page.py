@@ -509,6 +509,13 @@ def test_design_table_shows_separation_with_uncertainty(campaign):
     assert page.rows[page.rows.index(row) + 1] == ["resolved"]
 
 
+def test_a_failed_request_gets_its_reason(campaign):
+    _, page = campaign
+    for what in ("candidates", "simulated designs"):
+        assert f"{what} of the request dead" in page.text
+    assert page.raw.count("no &lt;range&gt; left") >= 2
+
+
 def test_verified_designs_show_simulation_beside_prediction(campaign):
     _, page = campaign
     row, checks = (r for r in page.rows if "made-up-1" in r)

@@ -42,6 +42,8 @@ rule designs:
         importance_csv=f"{RESULTS}/design_importance.csv",
         slices=f"{RESULTS}/design_slices.parquet",
         slices_csv=f"{RESULTS}/design_slices.csv",
+        requests=f"{RESULTS}/design_requests.parquet",
+        requests_csv=f"{RESULTS}/design_requests.csv",
     params:
         settings=design_settings(CONFIG.design_requests),
     log:
@@ -81,6 +83,7 @@ rule verify:
         verifications=f"{RESULTS}/verify/{{request}}.verifications.parquet",
         designs=f"{RESULTS}/verify/{{request}}.verified_designs.parquet",
         added=f"{RESULTS}/verify/{{request}}.outcomes.parquet",
+        requests=f"{RESULTS}/verify/{{request}}.verified_requests.parquet",
         files=directory(f"{RESULTS}/designs/{{request}}"),
     params:
         settings=verification_settings,
@@ -102,6 +105,9 @@ rule verifications:
         ),
         designs=expand(f"{RESULTS}/verify/{{request}}.verified_designs.parquet", request=REQUESTS),
         added=expand(f"{RESULTS}/verify/{{request}}.outcomes.parquet", request=REQUESTS),
+        requests=expand(
+            f"{RESULTS}/verify/{{request}}.verified_requests.parquet", request=REQUESTS
+        ),
         files=expand(f"{RESULTS}/designs/{{request}}", request=REQUESTS),
         outcomes=rules.outcomes.output.table,
     output:
@@ -109,6 +115,8 @@ rule verifications:
         verifications_csv=f"{RESULTS}/verifications.csv",
         designs=f"{RESULTS}/verified_designs.parquet",
         designs_csv=f"{RESULTS}/verified_designs.csv",
+        requests=f"{RESULTS}/verified_requests.parquet",
+        requests_csv=f"{RESULTS}/verified_requests.csv",
         outcomes=f"{RESULTS}/outcomes_verified.parquet",
         outcomes_csv=f"{RESULTS}/outcomes_verified.csv",
         model=f"{RESULTS}/surrogate_verified.json",

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+import yaml
 from fastapi.testclient import TestClient
 
 from dldsim import PHYSICS_VERSION
@@ -22,7 +23,8 @@ from dldsim.app.web.api import models
 from dldsim.app.web.api.app import PREFIX, make_app
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import ATTEMPTS_MAX, SEARCH, VERIFICATION, Busy, Store
-from dldsim.config.sections import DesignRequest
+from dldsim.config.sections import DesignRequest, Device
+from dldsim.design import finished_campaign
 from dldsim.tables.parquet import COLUMNS, read_table, write_csv, write_table
 from tests.app.test_design_jobs import (
     campaign,  # noqa: F401
@@ -107,9 +109,14 @@ def test_a_design_is_answered_in_full(designed):
 def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):  # noqa: F811
     options = [f"--{k.replace('_', '-')}".replace("stiffness-set-", "set") for k in ASK]
     argv = [x for pair in zip(options, map(str, ASK.values()), strict=True) for x in pair]
+    # the service's configuration, with the moduli that the made-up campaign has
+    config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
+    config["stiffness_sets"] |= known.settings["stiffness_sets"]
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     done = subprocess.run(  # a process of its own, whose hashes differ
         [sys.executable, "-m", "dldsim", "design", *argv, "--results", campaign, "--output",
-         tmp_path], capture_output=True, text=True)
+         tmp_path], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(designed["files"]) == 1 + 4 * 2
     for file in designed["files"]:
@@ -397,8 +404,8 @@ def test_missing_data_are_unhealthy(campaign, tmp_path):  # noqa: F811
 def test_packaged_data_of_another_physics_version_give_no_answer(
     campaign, tmp_path, monkeypatch  # noqa: F811
 ):
-    monkeypatch.setattr("dldsim.app.design_jobs.CAMPAIGN_DATA", campaign)
-    monkeypatch.setattr("dldsim.app.design_jobs.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    monkeypatch.setattr("dldsim.design.finished_campaign.CAMPAIGN_DATA", campaign)
+    monkeypatch.setattr("dldsim.design.finished_campaign.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     found = TestClient(make_app(Settings(state=tmp_path)))
     health = found.get(f"{PREFIX}/health")
     words = f"of physics version {PHYSICS_VERSION}, this is version {PHYSICS_VERSION + 1}"
@@ -522,7 +529,7 @@ def test_only_serve_imports_the_service():
         tree = ast.parse(path.read_text(encoding="utf-8"))
         names = [n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module]
         if any(n.startswith("dldsim.app.web") for n in names):
-            assert path.name == "cli.py"
+            assert path.name == "service.py"
 
 
 def test_a_missing_extra_is_told():

@@ -21,7 +21,7 @@ from starlette.exceptions import HTTPException
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis.calibration import stiffness_for
-from dldsim.app import design_jobs
+from dldsim.app import design_answers
 from dldsim.app.web.api import models
 from dldsim.app.web.api.data import (
     Data,
@@ -38,8 +38,9 @@ from dldsim.app.web.api.pool import Pool
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Busy, Job, Store
 from dldsim.config import sections
-from dldsim.design import search
-from dldsim.design.verification import conditions, make_populations
+from dldsim.design import finished_campaign, search
+from dldsim.design.populations import make_populations
+from dldsim.design.simulator import conditions
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 
@@ -176,7 +177,7 @@ class Service:
         source = self.source(spec.campaign)
         known = source.known
         try:
-            resolved = design_jobs.by_deformation_index(spec.request,
+            resolved = design_answers.by_deformation_index(spec.request,
                                                         known.tables.get("calibration"))
             search.check(search.Task(known.model, resolved, known.chip, spec.seed))
             if spec.verify:
@@ -190,7 +191,7 @@ class Service:
         if "calibration" not in known.tables:
             raise DldsimError("verify = true: this campaign came without a calibration, which the "
                               "moduli of the cells are read from. Upload it with the outcomes.")
-        conditions(known.tables["outcomes"], design_jobs.scene_of(known.settings))
+        conditions(known.tables["outcomes"], design_answers.scene_of(known.settings))
         sets = {name: sections.Stiffness(**v)
                 for name, v in known.settings["stiffness_sets"].items()}
         for i in (1, 2):
@@ -667,9 +668,9 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
             given["measurements"] = (json.loads(parts["measurements"])["measurements"]
                                      + given["measurements"])
         simulated = source.known.tables["outcomes"]
-        simulated = simulated[simulated["status"] != design_jobs.MEASURED]
+        simulated = simulated[simulated["status"] != finished_campaign.MEASURED]
         try:
-            table = design_jobs.with_measurements(simulated, **given)
+            table = finished_campaign.with_measurements(simulated, **given)
         except DldsimError as error:
             raise _infeasible(spec, str(error)) from error
         parts["measurements"] = json.dumps(given).encode()

@@ -20,12 +20,12 @@ import pyarrow.parquet as pq
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis import surrogate
-from dldsim.app import design_jobs
-from dldsim.app.design_jobs import MEASURED
 from dldsim.app.web.api.models import Provenance
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
 from dldsim.config.campaign import derive_seed
+from dldsim.design import finished_campaign
+from dldsim.design.finished_campaign import MEASURED
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import COLUMNS, METADATA_KEY, describe, read_table, schema, write_table
 
@@ -54,7 +54,7 @@ class NotReady(DldsimError):
 class Source(NamedTuple):
     """A campaign with its name and provenance."""
 
-    known: design_jobs.Campaign
+    known: finished_campaign.Campaign
     provenance: Provenance
 
 
@@ -69,7 +69,7 @@ class Data:
 
     def folder(self) -> Path:
         """Folder of the service's own campaign."""
-        return self.settings.results or design_jobs.packaged_campaign()
+        return self.settings.results or finished_campaign.packaged_campaign()
 
     def _signature(self) -> Any:
         """Which files there are, and their age. Raises Unavailable if one is missing."""
@@ -93,7 +93,8 @@ class Data:
             if self._own is None or self._own[0] != signature:
                 try:
                     device, safety, _ = self.settings.campaign()
-                    known = design_jobs.read_campaign(self.folder(), device, safety)
+                    known = finished_campaign.read_campaign(self.folder(), device, safety)
+                    finished_campaign.check_settings(self.settings.configuration(), known)
                 except DldsimError as error:
                     raise Unavailable(f"The campaign data cannot be used: {error}") from error
                 name = ("the campaign that comes with dldsim" if self.settings.results is None
@@ -118,7 +119,7 @@ class Data:
         parts = self.store.parts(campaign)
         tables, control = self._tables(parts)
         model = _load(parts)
-        design_jobs.check_model(model, tables["outcomes"], Path(job.spec["name"]))
+        finished_campaign.check_model(model, tables["outcomes"], Path(job.spec["name"]))
         found = self._made(tables, parts, model, control, campaign, job.spec)
         with self._lock:
             self._uploaded[campaign] = found
@@ -151,14 +152,15 @@ class Data:
                         control = settings.get("run_control")
         if "measurements" in parts:
             given = json.loads(parts["measurements"])
-            tables["outcomes"] = design_jobs.with_measurements(tables["outcomes"], **given)
+            tables["outcomes"] = finished_campaign.with_measurements(tables["outcomes"], **given)
         return tables, control
 
     def _made(self, tables, parts, model, control, campaign, spec) -> Source:
         device, safety, _ = self.settings.campaign()
         simulated = tables["outcomes"][tables["outcomes"]["status"] != MEASURED]
-        known = design_jobs.make_campaign(tables | {"outcomes": simulated}, model, control, device,
-                                          safety)._replace(tables=tables)
+        known = finished_campaign.make_campaign(
+            tables | {"outcomes": simulated}, model, control, device, safety
+        )._replace(tables=tables)
         origin = "measurements" if "measurements" in parts else "uploaded"
         return Source(known, _provenance(known, campaign, spec["name"], origin))
 
@@ -180,7 +182,7 @@ def _load(files: Mapping[str, bytes]) -> surrogate.Surrogate:
         return surrogate.load(*paths)
 
 
-def _provenance(known: design_jobs.Campaign, campaign: str | None, name: str, origin: str
+def _provenance(known: finished_campaign.Campaign, campaign: str | None, name: str, origin: str
                 ) -> Provenance:
     card = known.model.card
     warnings = []
@@ -199,7 +201,8 @@ def _provenance(known: design_jobs.Campaign, campaign: str | None, name: str, or
         campaign_name=name, origin=origin, outcomes=card["data"]["outcomes"],
         used=card["data"]["used"], measured=measured, geometries=card["data"]["geometries"],
         outcomes_sha256=card["data"]["sha256"], model_sha256=card.get("model_sha256", ""),
-        fitted_by=card["versions"], scores_by_geometry=card["scores_by_geometry"],
+        fitted_by=card["versions"], holds_for=known.model.holds_for,
+        scores_by_geometry=card["scores_by_geometry"],
         warnings=warnings,
     )  # fmt: skip
 
@@ -302,7 +305,7 @@ def _check_outcomes(outcomes: pd.DataFrame, where: str) -> None:
         raise DldsimError(f"{where}: status {MEASURED} is kept for measured angles, which POST "
                           "/measurements takes.")
     try:
-        design_jobs.settings_of_outcomes(outcomes)
+        finished_campaign.settings_of_outcomes(outcomes)
         surrogate.learnable(outcomes)
     except (KeyError, TypeError, ValueError) as error:
         raise DldsimError(f"{where}: column numerics is not that of an outcome: {error!r:.200}."

@@ -223,6 +223,7 @@ class Provenance(Answer):
     model_sha256: str
     fitted_by: dict[str, Any] = Field(description="versions that fitted the surrogate")
     scores_by_geometry: dict[str, Any] = Field(description="errors on arrays held out")
+    holds_for: str = Field("", description="shape of the cells, height and velocity, in words")
     config_hash: str | None = None
     seed: int | None = None
     warnings: list[str] = []

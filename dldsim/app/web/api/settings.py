@@ -7,7 +7,15 @@ from typing import Any
 
 from pydantic import Field
 
-from dldsim.config.sections import Device, Section, Sweep, Verification, read_config, validate
+from dldsim.config.sections import (
+    Config,
+    Device,
+    Section,
+    Sweep,
+    Verification,
+    read_config,
+    validate,
+)
 
 PREFIX = "DLDSIM_WEB_"
 
@@ -62,10 +70,14 @@ class Settings(Section):
         values |= {key: value for key, value in (given or {}).items() if value is not None}
         return validate(cls, values)
 
+    def configuration(self) -> Config | None:
+        """The configuration file, found as the commands find it; None if there is none."""
+        path = self.config or Path("config.yaml")
+        return None if self.config is None and not path.exists() else read_config(path)
+
     def campaign(self) -> tuple[Device, float, Verification]:
         """Device, safety distance and verification budget, found as the commands find them."""
-        path = self.config or Path("config.yaml")
-        if self.config is None and not path.exists():
+        config = self.configuration()
+        if config is None:
             return Device(), Sweep.model_fields["safety_distance_um"].default, Verification()
-        config = read_config(path)
         return config.device, config.sweep.safety_distance_um, config.verification

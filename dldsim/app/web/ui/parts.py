@@ -240,7 +240,7 @@ def provenance(found: models.Provenance) -> None:
         f":material/database: **{plain(found.campaign_name)}** ({origin}): {found.outcomes} "
         f"outcomes, {found.used} learnt from{measured}, {found.geometries} arrays · physics "
         f"version {found.physics_version} · dldsim {plain(found.dldsim_version)} · model "
-        f"`{found.model_sha256[:12] or 'none'}`")
+        f"`{found.model_sha256[:12] or 'none'}` · holds for {plain(found.holds_for)}")
     for warning in found.warnings:
         st.caption(f":material/warning: {plain(warning)}")
     with st.expander("Provenance"):
