@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.config.sections import Config, Geometry, check_gap, validate
+from dldsim.config.sections import Config, Geometry, check_gap, in_force, preset_of, validate
 from dldsim.errors import DldsimError
 
 GEOMETRY_PATTERN = r"r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+"
@@ -165,6 +165,31 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     """Short hash of the settings that a file depends on."""
     text = json.dumps(settings, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def origins(layers: Mapping[str, Mapping]) -> str:
+    """What the configuration was made of, in a sentence: sources by name, the lowest first."""
+    preset = preset_of(layers.values())
+    lowest, *others = layers
+    sentence = f"Configuration: {lowest}, preset {preset}"
+    for name in others:
+        keys = dict.fromkeys(key for part in in_force(layers[name], preset)
+                             for key in flattened(part))
+        keys |= {"preset": None} if "preset" in layers[name] else {}
+        if keys:
+            sentence += f"; over it {name}: {', '.join(keys)}"
+    return f"{sentence}."
+
+
+def flattened(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Values by dotted key."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flattened(value, f"{above}{key}.")
+        else:
+            flat[f"{above}{key}"] = value
+    return flat
 
 
 STAMP = ".dldsim.json"

@@ -2,6 +2,7 @@
 # the configuration itself: a job is made anew when its parameters change, so these functions hand
 # out exactly the settings that a job depends on, and the physics version.
 
+import os
 import sys
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
 from dldsim.config import campaign
 from dldsim.evidence import accuracy, reference_study, spot_check
-from dldsim.config.sections import CELL_NUMERICS, resolve
+from dldsim.config.sections import CELL_NUMERICS, read_layer, resolve
 from dldsim.errors import DldsimError
 from dldsim.evidence.stability_sweep import FAMILIES
 from dldsim.evidence.validation import CASES
@@ -19,8 +20,23 @@ from dldsim.evidence.validation import CASES
 RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
 
+
+def configurations():
+    """What we ship, the files that the user names, the command line: by name, later ones win."""
+    given = workflow.config_settings
+    layers = {}
+    if not given.replace_workflow_config:
+        layers["config.yaml"] = read_layer(Path(workflow.basedir) / "config.yaml")
+    layers |= {os.path.relpath(path): read_layer(path) for path in given.configfiles}
+    return layers | {"the command line": dict(given.config)}
+
+
 try:
-    CONFIG = resolve(config, overrides=workflow.config_settings.config)
+    LAYERS = configurations()
+    *FILES, COMMAND_LINE = LAYERS.values()
+    CONFIG = resolve({}, COMMAND_LINE, FILES)
+    if workflow.is_main_process:
+        logger.info(campaign.origins(LAYERS))
     if workflow.is_main_process and not {"--forceall", "-F"} & set(sys.argv):
         campaign.check_stamp(Path(RESULTS))
     GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
