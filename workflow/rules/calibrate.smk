@@ -31,7 +31,7 @@ rule constriction_runs:
         csv=f"{RESULTS}/constriction_runs.csv",
     params:
         kind="constriction_runs",
-        settings=settings_of(),
+        settings=gathered(CONSTRICTIONS),
     log:
         f"{RESULTS}/logs/constriction_runs.log",
     benchmark:

@@ -2,14 +2,18 @@
 # the configuration itself: a job is made anew when its parameters change, so these functions hand
 # out exactly the settings that a job depends on, and the physics version.
 
+import hashlib
 import os
 import sys
+from functools import partial
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
+from snakemake.io import apply_wildcards
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
+from dldsim.app import freshness
 from dldsim.config import campaign
 from dldsim.evidence import accuracy, reference_study, spot_check
 from dldsim.config.sections import CELL_NUMERICS, read_layer, resolve
@@ -65,10 +69,37 @@ wildcard_constraints:
     number=r"\d+",
 
 
+def watch(made_by):
+    """Make what the files of a rule say of their settings count, whatever Snakemake has recorded."""
+    if "settings" in made_by.params.keys() and workflow.is_main_process:
+        made_by.set_input(partial(remake_if_stale, made_by=made_by))
+
+
+SAID = set()
+
+
+def remake_if_stale(wildcards, made_by):
+    """No input, but the job is forced if a file of it was made with other settings; say which."""
+    settings = made_by.params.settings
+    settings = settings(wildcards) if callable(settings) else settings
+    files = [apply_wildcards(file, dict(wildcards.items())) for file in made_by.output]
+    for difference in filter(None, (freshness.difference(file, settings) for file in files)):
+        workflow.dag.forcefiles.update(files)
+        if (made_by.name, difference) not in SAID:
+            logger.info(f"{made_by.name}: files made with {difference}. They are made anew.")
+        SAID.add((made_by.name, difference))
+    return []
+
+
 def settings_of(*sections):
     """Named sections of the configuration as plain values, and the physics version."""
     values = CONFIG.model_dump(mode="json", include=set(sections))
     return {**values, "physics_version": PHYSICS_VERSION}
+
+
+def gathered(parts, *sections):
+    """The same for a table of parts: which parts they are belongs to it."""
+    return {**settings_of(*sections), "parts": f"{len(parts)} ({campaign.settings_hash(parts)})"}
 
 
 def seeded(*sections):
@@ -132,12 +163,17 @@ def points_before(wildcards):
     return files
 
 
-def installed_reference(wildcards):
-    """The reference that comes with the package; its absence is told before anything is run."""
+def reference_check_settings(wildcards):
+    """By content, not by time stamp, what comes with the package; its absence is told before
+    anything is run."""
     path = reference_study.DATA / "reference_outcomes.parquet"
     if not path.exists():
         raise WorkflowError(f"The package holds no reference. {reference_study.REMEDY}")
-    return path
+    return {
+        **gathered(CONFIG.reference.pairs),
+        "reference": hashlib.sha256(path.read_bytes()).hexdigest()[:16],
+        "sigma_num_model": uncertainty.model_hash(),
+    }
 
 
 def spot_check_settings(wildcards):

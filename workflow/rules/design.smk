@@ -114,7 +114,7 @@ rule verifications:
         model=f"{RESULTS}/surrogate_verified.json",
         card=f"{RESULTS}/surrogate_verified_card.json",
     params:
-        settings=seeded(),
+        settings=gathered(REQUESTS, "seed"),
     log:
         f"{RESULTS}/logs/verifications.log",
     benchmark:

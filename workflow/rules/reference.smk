@@ -95,13 +95,12 @@ rule reference:
 
 rule reference_check:
     input:
-        installed_reference,
         rows=[pair_row(outcome, "campaign") for outcome in CONFIG.reference.pairs],
     output:
         table=f"{RESULTS}/reference_check.parquet",
         csv=f"{RESULTS}/reference_check.csv",
     params:
-        settings={**settings_of("numerics"), "sigma_num_model": uncertainty.model_hash()},
+        settings=reference_check_settings,
     log:
         f"{RESULTS}/logs/reference_check.log",
     benchmark:
@@ -154,7 +153,7 @@ rule spot_check:
         table=f"{RESULTS}/spot_check.parquet",
         csv=f"{RESULTS}/spot_check.csv",
     params:
-        settings=seeded("numerics", "run_control"),
+        settings=gathered(SPOT_CHECKED),
     log:
         f"{RESULTS}/logs/spot_check.log",
     benchmark:

@@ -50,7 +50,7 @@ rule flows:
         csv=f"{RESULTS}/flows.csv",
     params:
         kind="flows",
-        settings=settings_of(),
+        settings=gathered(GEOMETRIES),
     log:
         f"{RESULTS}/logs/flows.log",
     benchmark:
@@ -67,7 +67,7 @@ rule trajectories:
     output:
         f"{RESULTS}/trajectories.parquet",
     params:
-        settings=settings_of(),
+        settings=gathered(OUTCOMES),
     log:
         f"{RESULTS}/logs/trajectories.log",
     benchmark:
@@ -86,7 +86,7 @@ rule runs:
         csv=f"{RESULTS}/runs.csv",
     params:
         kind="runs",
-        settings=settings_of(),
+        settings=gathered(OUTCOMES),
     log:
         f"{RESULTS}/logs/runs.log",
     benchmark:
@@ -105,7 +105,7 @@ rule outcomes:
         table=f"{RESULTS}/outcomes.parquet",
         csv=f"{RESULTS}/outcomes.csv",
     params:
-        settings={**settings_of(), "sigma_num_model": uncertainty.model_hash()},
+        settings={**gathered(OUTCOMES), "sigma_num_model": uncertainty.model_hash()},
     log:
         f"{RESULTS}/logs/outcomes.log",
     benchmark:

@@ -25,7 +25,7 @@ rule stability:
         csv=f"{RESULTS}/stability.csv",
     params:
         kind="stability",
-        settings=settings_of(),
+        settings=gathered([*FAMILIES]),
     log:
         f"{RESULTS}/logs/stability.log",
     benchmark:

@@ -27,7 +27,7 @@ rule validation:
         csv=f"{RESULTS}/validation.csv",
     params:
         kind="validation",
-        settings=settings_of(),
+        settings=gathered([*CASES]),
     log:
         f"{RESULTS}/logs/validation.log",
     benchmark:
