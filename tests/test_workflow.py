@@ -5,6 +5,7 @@ import io
 import json
 import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -211,6 +212,18 @@ def test_the_file_that_the_user_names_wins_over_the_preset(tmp_path):
     [settings] = {json.dumps(job.params.settings) for job in found.jobs
                   if job.rule.name == "empty_flow"}
     assert json.loads(settings)["numerics"]["spacing_um"] == 2.0
+
+
+def test_snakemake_has_no_note_on_the_workflow(tmp_path):
+    snakemake(copy_workflow(tmp_path), "--lint")
+
+
+def test_requirements_are_said_once():
+    """The environment for conda names what pip installs, and what `snakemake --report` needs."""
+    wanted = (ROOT / "requirements.txt").read_text().split()
+    environment = yaml.safe_load((ROOT / "workflow" / "envs" / "dldsim.yaml").read_text())
+    assert environment["dependencies"][-1]["pip"] == wanted
+    assert "pygments" in {re.split("[<>=]", line)[0] for line in wanted}
 
 
 AXIS = "cell={axis: z}"

@@ -6,6 +6,7 @@ Rule files import this module in every job, so it imports nothing heavy.
 import csv
 import hashlib
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -190,6 +191,13 @@ def flattened(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
         else:
             flat[f"{above}{key}"] = value
     return flat
+
+
+def import_from(folder: Path) -> None:
+    """Let child processes import the package from here, whichever environment they run in."""
+    others = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    paths = dict.fromkeys(path for path in (str(folder), *others) if path)
+    os.environ["PYTHONPATH"] = os.pathsep.join(paths)
 
 
 STAMP = ".dldsim.json"

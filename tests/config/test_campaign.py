@@ -1,5 +1,6 @@
 """Identifiers are their own inverse; the campaign lists what the sweep says."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -102,6 +103,13 @@ def test_constrictions_count_groups_and_positions():
     assert len(campaign.constrictions(config)) == len(set(campaign.constrictions(config))) == 28
     alone = read_config(CONFIG, {"constriction": channel | {"fixed_velocity_mm_s": None}})
     assert len(campaign.constrictions(alone)) == 14
+
+
+def test_children_import_from_the_folder_of_the_workflow(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", "/a:/b")
+    for _ in range(2):
+        campaign.import_from(Path("/c d"))
+        assert os.environ["PYTHONPATH"] == "/c d:/a:/b"
 
 
 def test_seeds_differ_by_name_and_repeat():

@@ -12,6 +12,8 @@ rule accuracy_run:
         f"{RESULTS}/logs/accuracy_run/{{variant}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/accuracy_run/{{variant}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "accuracy run {wildcards.variant}"
     script:
@@ -32,6 +34,8 @@ rule accuracy:
         f"{RESULTS}/logs/accuracy.log",
     benchmark:
         f"{RESULTS}/benchmarks/accuracy.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "compare the accuracy runs"
     script:

@@ -21,6 +21,8 @@ from dldsim.errors import DldsimError
 from dldsim.evidence.stability_sweep import FAMILIES
 from dldsim.evidence.validation import CASES
 
+campaign.import_from(Path(workflow.basedir))
+
 RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
 

@@ -27,12 +27,13 @@ rule report:
     output:
         f"{RESULTS}/report.html",
     params:
-        results=RESULTS,
         settings=CONFIG.model_dump(mode="json"),
     log:
         f"{RESULTS}/logs/report.log",
     benchmark:
         f"{RESULTS}/benchmarks/report.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "write the report"
     script:

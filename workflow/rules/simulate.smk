@@ -13,6 +13,8 @@ rule empty_flow:
         f"{RESULTS}/logs/empty_flow/{{geometry}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/empty_flow/{{geometry}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "flow without a cell through {wildcards.geometry}"
     script:
@@ -36,6 +38,8 @@ rule simulate_outcome:
         f"{RESULTS}/logs/simulate_outcome/{{outcome}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/simulate_outcome/{{outcome}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "cell through {wildcards.outcome}, released at as many places as it takes"
     script:
@@ -55,6 +59,8 @@ rule flows:
         f"{RESULTS}/logs/flows.log",
     benchmark:
         f"{RESULTS}/benchmarks/flows.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the flows of all geometries"
     script:
@@ -72,6 +78,8 @@ rule trajectories:
         f"{RESULTS}/logs/trajectories.log",
     benchmark:
         f"{RESULTS}/benchmarks/trajectories.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the trajectories of all runs"
     script:
@@ -91,6 +99,8 @@ rule runs:
         f"{RESULTS}/logs/runs.log",
     benchmark:
         f"{RESULTS}/benchmarks/runs.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the runs of all outcomes"
     script:
@@ -110,6 +120,8 @@ rule outcomes:
         f"{RESULTS}/logs/outcomes.log",
     benchmark:
         f"{RESULTS}/benchmarks/outcomes.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather all outcomes, join deformation indices and numerical uncertainty"
     script:
