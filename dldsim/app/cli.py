@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     stiffness = _named(config, "stiffness_sets", args.set, "--set")
     outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
     from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
-    from dldsim.app import jobs
+    from dldsim.experiments import outcome_files
     from dldsim.experiments.array_run import simulate_outcome, simulate_run
 
     sections = (geometry, stiffness, cell, flow, numerics, control)
@@ -120,12 +120,12 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         trajectory = args.out / f"{name}.trajectory.parquet"
         if args.releases is None:
             files = [args.out / f"{name}.run.parquet", trajectory]
-            jobs.write_run(result, *files, settings)
+            outcome_files.write_run(result, *files, settings)
         else:
-            files = jobs.OutcomeFiles(args.out / f"{name}.outcome.parquet",
-                                      args.out / f"{name}.runs.parquet", trajectory)
+            files = outcome_files.OutcomeFiles(args.out / f"{name}.outcome.parquet",
+                                               args.out / f"{name}.runs.parquet", trajectory)
             result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
-            jobs.write_outcome(result, files, settings)
+            outcome_files.write_outcome(result, files, settings)
         summary["files"] = [str(path) for path in files]
     return summary, _listing(summary)
 
@@ -151,12 +151,12 @@ def flow(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     config = _campaign(args.config)
     geometry = _geometry(args)
     sections = [_section(model, config, args) for model in (Flow, Numerics)]
-    from dldsim.app import jobs
+    from dldsim.experiments import outcome_files
     from dldsim.solver.flow import solve_empty_array
 
     with _progress() as progress:
         result = solve_empty_array(geometry, *sections, progress)
-    summary = jobs.flow_row(result)
+    summary = outcome_files.flow_row(result)
     if args.out:
         result.save(args.out)
         summary["files"] = [str(args.out)]
@@ -172,7 +172,7 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if release is None:
         release = channel.release_positions_um[0]
     sections = [config.cell, config.flow, _channel_numerics(config, args)]
-    from dldsim.app import jobs
+    from dldsim.experiments import outcome_files
     from dldsim.experiments.constriction import simulate_constriction
 
     with _progress() as progress:
@@ -188,7 +188,7 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         }
         row = args.out / f"{summary['run_id']}.run.parquet"
         trajectory = args.out / f"{summary['run_id']}.trajectory.parquet"
-        jobs.write_constriction(result, row, trajectory, settings)
+        outcome_files.write_constriction(result, row, trajectory, settings)
         summary["files"] = [str(row), str(trajectory)]
     return summary, _listing(summary)
 
@@ -283,7 +283,7 @@ def run_validation(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
             rows += run_case(name, progress)
     summary = {"cases": verdicts(rows), "rows": rows}
     if args.out:
-        from dldsim.app.jobs import provenance
+        from dldsim.config.campaign import provenance
         from dldsim.tables.parquet import write_csv, write_table
 
         write_table("validation", rows, args.out, provenance({"cases": names}))

@@ -12,8 +12,8 @@ from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
 from dldsim.analysis.calibration import join_deformation_index
 from dldsim.analysis.regressors import INPUTS
-from dldsim.app.jobs import Progress, provenance
 from dldsim.config import campaign
+from dldsim.config.campaign import provenance
 from dldsim.config.sections import (
     CellShape,
     DesignRequest,
@@ -39,6 +39,7 @@ from dldsim.design.verification import (
 )
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
+from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.parquet import (
     COLUMNS,
     atomic_path,

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dldsim.analysis import uncertainty
-from dldsim.app.jobs import NOT_JOINED, Partial, Progress, provenance
-from dldsim.config.campaign import Pair, outcome_id, parse_outcome
+from dldsim.config.campaign import Pair, outcome_id, parse_outcome, provenance
 from dldsim.config.sections import (
     CellShape,
     Config,
@@ -24,6 +23,7 @@ from dldsim.config.sections import (
 )
 from dldsim.evidence import reference_study, spot_check
 from dldsim.evidence.reference_study import CAMPAIGN, Row
+from dldsim.experiments.outcome_files import NOT_JOINED, Partial, Progress
 from dldsim.tables.parquet import atomic_path, read_rows, write_csv, write_table
 
 Simulator = Callable[[str, Geometry, str, Mapping[str, Any]], Row]

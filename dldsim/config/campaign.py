@@ -168,6 +168,12 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def provenance(settings: Mapping[str, Any], seed: int | None = None) -> dict:
+    """Metadata of a file that depends on these settings and this seed."""
+    settings = dict(settings)
+    return {"config_hash": settings_hash(settings), "seed": seed, "settings": settings}
+
+
 def origins(layers: Mapping[str, Mapping]) -> str:
     """What the configuration was made of, in a sentence: sources by name, the lowest first."""
     preset = preset_of(layers.values())

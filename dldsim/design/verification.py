@@ -16,16 +16,8 @@ import pandas as pd
 from dldsim.analysis import uncertainty
 from dldsim.analysis.calibration import stiffness_for
 from dldsim.analysis.surrogate import Surrogate
-from dldsim.app.jobs import (
-    OutcomeFiles,
-    Partial,
-    Progress,
-    flow_row,
-    made_with,
-    provenance,
-    write_outcome,
-)
 from dldsim.config import campaign
+from dldsim.config.campaign import provenance
 from dldsim.config.sections import (
     CellShape,
     DesignRequest,
@@ -49,6 +41,14 @@ from dldsim.design.search import (
 )
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
+from dldsim.experiments.outcome_files import (
+    OutcomeFiles,
+    Partial,
+    Progress,
+    flow_row,
+    made_with,
+    write_outcome,
+)
 from dldsim.tables.parquet import COLUMNS, read_columns, read_rows, write_table
 
 SHAPES_EVERY = 2

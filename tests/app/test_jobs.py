@@ -11,6 +11,7 @@ from dldsim.config import campaign
 from dldsim.config.sections import read_config
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_run import MIGRATION, RunResult, known_of, migration_of
+from dldsim.experiments.outcome_files import OutcomeFiles, Partial
 from dldsim.tables.parquet import COLUMNS, read_rows, write_table
 
 GEOMETRY = "r05.0_g20.0_n04"
@@ -22,7 +23,7 @@ OF_SET = SETTINGS | {"stiffness": SETTINGS["stiffness_sets"]["1"]}
 
 
 def outcome_files(folder):
-    return jobs.OutcomeFiles(*(folder / f"{kind}.parquet" for kind in jobs.OutcomeFiles._fields))
+    return OutcomeFiles(*(folder / f"{kind}.parquet" for kind in OutcomeFiles._fields))
 
 
 @pytest.fixture
@@ -115,7 +116,7 @@ def test_an_interrupted_outcome_loses_only_the_release_under_way(files, monkeypa
 
     monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
     other = OF_SET | {"flow": OF_SET["flow"] | {"mean_velocity_mm_s": 2.0}}
-    assert jobs.Partial(tmp_path / "p", OUTCOME, other).finished([0.5]) == {}
+    assert Partial(tmp_path / "p", OUTCOME, other).finished([0.5]) == {}
     asked.clear()
     tables = do(files, tmp_path)
     assert asked == [0.2]  # two that agree, far from the transition, are enough
@@ -166,7 +167,7 @@ def test_a_crash_keeps_the_finished_releases(files, monkeypatch, tmp_path):
     assert (row["releases"], row["rows_total"], row["migration_angle_deg"]) == (1, 4, None)
     assert [r["release_gap_fraction"] for r in read_rows("runs", tables.runs)] == [0.5]
     settings = OF_SET
-    assert [*jobs.Partial(tmp_path / "p", OUTCOME, settings).finished([0.5, 0.2])] == [0.5]
+    assert [*Partial(tmp_path / "p", OUTCOME, settings).finished([0.5, 0.2])] == [0.5]
 
 
 def test_a_row_of_runs_gives_its_migration_back():
