@@ -28,7 +28,7 @@ from snakemake.settings.types import (
 )
 
 from dldsim.config import campaign
-from dldsim.config.sections import read_config
+from dldsim.config.sections import Config, read_config
 from dldsim.evidence import reference_study
 from dldsim.tables.parquet import METADATA_KEY, read_rows
 
@@ -272,6 +272,95 @@ def test_a_touched_script_and_a_fresh_checkout_rerun_nothing(finished):
     for path in (finished / "workflow").rglob("*.*"):
         path.touch()
     assert planned(finished, "all", config=TINY) == {}
+
+
+EVERYTHING = ("all", "validation", "accuracy", "stability", "reference", "reference_check",
+              "spot_check")
+OUTCOME = {"cell", "flow", "numerics", "run_control", "stiffness_sets"}
+DESIGN = {"seed", "flow", "device", "design_requests", "sweep"}
+NOTHING = ("flows", "runs", "trajectories", "outcomes", "constriction_runs", "calibration",
+           "robustness_map", "validate_case", "validation", "stability", "reference_outcomes",
+           "reference_check")
+READS = {
+    **dict.fromkeys(NOTHING, set()),
+    **dict.fromkeys(("anova", "benchmark", "learning_curve", "surrogate", "verifications",
+                     "spot_check", "spot_check_plan"), {"seed"}),
+    **dict.fromkeys(("simulate_outcome", "spot_check_run"), OUTCOME),
+    **dict.fromkeys(("reference_pair", "critical_gap_point", "critical_gaps"),
+                    OUTCOME | {"reference"}),
+    **dict.fromkeys(("designs", "search_regret"), DESIGN),
+    "empty_flow": {"flow", "numerics"},
+    "constrict": {"cell", "flow", "numerics", "constriction", "constriction_groups"},
+    "sensitivity": {"seed", "fabrication"},
+    "verify": OUTCOME | DESIGN | {"verification"},
+    "accuracy_run": OUTCOME | {"accuracy", "constriction", "constriction_groups"},
+    "accuracy": {"accuracy", "cell", "numerics", "run_control", "constriction"},
+    "stability_family": {"cell", "flow", "numerics", "stiffness_sets", "constriction_groups"},
+    "report": {"preset", "seed", "cell", "flow", "numerics", "run_control", "constriction"},
+}
+"""Sections of which a rule's jobs depend on at least one value."""
+CHANGES = {
+    "seed": "seed=3", "sweep": "sweep={safety_distance_um: 1}", "cell": "cell={radius_um: 7.0}",
+    "flow": "flow={viscosity_mPa_s: 1.0}", "numerics": "numerics={collision: bgk}",
+    "run_control": "run_control={still_rows: 9}", "constriction": "constriction={width_um: 31}",
+    "stiffness_sets": "stiffness_sets={'1': {ks_uN_per_m: 6}, '5': {ks_uN_per_m: 21}}",
+    "constriction_groups": "constriction_groups={G1: {velocity_mm_s: 2}}",
+    "design_requests": "design_requests=[{name: soft-from-stiff, stiffness_set_1: '1', "
+                       "stiffness_set_2: '5', trials: 30}]",
+    "verification": "verification={rounds: 2}", "device": "device={array_width_mm: 3}",
+    "fabrication": "fabrication={moved_deg: 0.7}",
+    "accuracy": "accuracy={migration_angle: {long_rows: 90}}",
+    "reference": "reference={releases: [0.2, 0.5]}",
+}  # fmt: skip
+
+
+SMALL = {
+    "accuracy": {
+        "migration_angle": {"cases": {"zigzag": None, "transition": None}, "alternatives": None,
+                            "knobs": dict.fromkeys(("spacing_um", "reynolds_max", "kernel", "axis",
+                                                    "relaxation_time", "coupling", "rows"))},
+        "deformation_index": {"cases": ["G1"], "alternatives": None, "knobs": dict.fromkeys(
+            ("spacing_um", "reynolds_max", "kernel", "relaxation_time", "coupling"))},
+    },
+    "reference": {
+        "pairs": ["r04.0_g14.0_n10_s5"], "finest": [], "spacings_um": [], "reynolds_max": [0.3],
+        "critical_diameters": {"periodicities": []}, "critical_gaps": [
+            {"pillar_radius_um": 8.0, "periodicity": 10, "stiffness_set": "1",
+             "bracket_um": [15.0, 21.0]}],
+    },
+}  # fmt: skip
+"""Studies of a few jobs, so that the plans are quick."""
+
+
+def handed_out(folder, *files, **options):
+    """All parameters of each job, of all targets."""
+    (folder / "small.yaml").write_text(yaml.safe_dump(SMALL))
+    options["files"] = ["small.yaml", *files]
+    return {(job.rule.name, str(job.wildcards_dict)): str(sorted(job.params.items()))
+            for job in plan(folder, *EVERYTHING, **options).jobs if not job.rule.norun}
+
+
+@pytest.fixture(scope="module")
+def unchanged(finished):
+    return handed_out(finished, config=TINY)
+
+
+@pytest.mark.parametrize("section", [name for name in Config.model_fields if name != "preset"])
+def test_a_rule_hands_out_what_its_jobs_read_and_nothing_more(finished, unchanged, section):
+    changed = handed_out(finished, config=[*TINY, CHANGES[section]])
+    differing = {job[0] for job, given in unchanged.items() if changed.get(job, given) != given}
+    assert differing == {rule for rule, sections in READS.items() if section in sections}
+
+
+def test_every_rule_is_looked_at_and_only_the_report_reads_the_name_of_the_preset(
+    finished, unchanged
+):
+    assert {job[0] for job in unchanged} == set(READS)
+    own = {"preset": "own", "presets": {"own": yaml.safe_load(
+        (ROOT / "config.yaml").read_text())["presets"]["tiny"]}}
+    (finished / "own.yaml").write_text(yaml.safe_dump(own))
+    renamed = handed_out(finished, "own.yaml")
+    assert {job[0] for job in unchanged if renamed[job] != unchanged[job]} == {"report"}
 
 
 def test_the_reference_is_a_target_of_its_own(tmp_path):

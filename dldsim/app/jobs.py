@@ -1,7 +1,8 @@
 """One simulation, its files: what the campaign's jobs and the commands share.
 
-In a campaign a crash (an exception) becomes a row of status "failed"; see
-:mod:`dldsim.config.campaign`.
+In a campaign a failure (a DldsimError, or memory that is exhausted) becomes a row of status
+"failed"; see :mod:`dldsim.config.campaign`. Any other exception is a bug: the job ends with its
+traceback, and what depends on it is not made.
 """
 
 import contextlib
@@ -19,7 +20,6 @@ from dldsim.config.campaign import provenance
 from dldsim.config.sections import (
     Cell,
     CellShape,
-    Config,
     Constriction,
     ConstrictionGroup,
     Flow,
@@ -27,6 +27,7 @@ from dldsim.config.sections import (
     Numerics,
     RunControl,
     Stiffness,
+    sections_from,
 )
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
@@ -177,14 +178,15 @@ def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path
     _attempt(identifier, simulate, give_up, crashes, progress)
 
 
-def gather_accuracy(rows: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
-                    table: Path) -> None:
+def gather_accuracy(rows: Iterable[tuple[str, Path]], settings: Mapping, *, table: Path
+                    ) -> None:
     """Table of the accuracy study from its runs (variant, file of its row)."""
     found = []
     for identifier, path in rows:
         variant = accuracy.parse_variant(identifier)
         found.append((variant, read_rows(accuracy.kind_of(variant), path)[0]))
-    write_table("accuracy", accuracy.table(found, config), table, provenance(settings))
+    compared = accuracy.table(found, sections_from(settings))
+    write_table("accuracy", compared, table, provenance(settings))
     write_csv("accuracy", table)
 
 
@@ -261,10 +263,11 @@ def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
 
 def _attempt(identifier: str, simulate: Callable[[], None], give_up: Callable[[str], None],
              crashes: Path, progress: Progress) -> None:
-    """Simulate; on an exception log it, count it, and write what stands for the result."""
+    """Simulate; log and count a failure that is none of the program, and write what stands for the
+    result. Anything else is a bug, which ends the job with its traceback."""
     try:
         simulate()
-    except Exception as error:
+    except (DldsimError, MemoryError) as error:
         expected = isinstance(error, DldsimError)
         reason = str(error) if expected else f"{type(error).__name__}: {error}"
         progress(reason if expected else traceback.format_exc())

@@ -14,12 +14,12 @@ from dldsim.analysis import uncertainty
 from dldsim.config.campaign import Pair, outcome_id, parse_outcome, provenance
 from dldsim.config.sections import (
     CellShape,
-    Config,
     Flow,
     Geometry,
     Numerics,
     RunControl,
     Stiffness,
+    sections_from,
 )
 from dldsim.evidence import reference_study, spot_check
 from dldsim.evidence.reference_study import CAMPAIGN, Row
@@ -77,10 +77,10 @@ def point_job(identifier: str, settings: Mapping, *, before: Path | None, start:
     write_table("critical_gap_points", points, table, provenance(settings))
 
 
-def gather_gaps(searches: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
-                gaps: Path, convergence: Path) -> None:
+def gather_gaps(searches: Iterable[tuple[str, Path]], settings: Mapping, *, gaps: Path,
+                convergence: Path) -> None:
     """`critical_gaps` and `convergence` from searches (identifier, file of their last point)."""
-    rows = []
+    config, rows = sections_from(settings), []
     for identifier, path in searches:
         search = reference_study.parse_search(identifier)
         points = read_rows("critical_gap_points", path)

@@ -291,11 +291,12 @@ def _read_csv(path: Path) -> list[dict]:
         return list(csv.DictReader(file))
 
 
-# A crash is an exception in a simulation, as against a physical failure, which is a result. The
-# job then writes a row of status "failed", so that the campaign goes on and reports it, and counts
-# the crash in a file that is no output of any rule. The count is a parameter of the job's rule: it
-# has changed at the next start of Snakemake, which therefore tries again. It never goes down, so a
-# run that has recovered is left alone.
+# A crash is a DldsimError in a simulation, or memory that is exhausted, as against a physical
+# failure, which is a result, and a bug, which ends the job. The job then writes a row of status
+# "failed", so that the campaign goes on and reports it, and counts the crash in a file that is no
+# output of any rule. The count is a parameter of the job's rule: it has changed at the next start
+# of Snakemake, which therefore tries again. It never goes down, so a run that has recovered is left
+# alone.
 
 
 def count_crashes(directory: Path, identifier: str) -> int:

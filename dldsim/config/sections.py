@@ -5,6 +5,7 @@ Lengths are in µm, velocities in mm/s, viscosity in mPa·s, surface moduli in �
 
 import difflib
 import math
+import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from pydantic import (
     ConfigDict,
     Field,
     StringConstraints,
+    TypeAdapter,
     ValidationError,
     field_validator,
     model_validator,
@@ -783,6 +785,14 @@ def resolve(
     config = validate(Config, merged | {"preset": name})
     _check_sweep(config)
     return config
+
+
+def sections_from(settings: Mapping[str, Any]) -> types.SimpleNamespace:
+    """The sections of a configuration that a job was handed out; there are no others."""
+    return types.SimpleNamespace(**{
+        name: TypeAdapter(Config.model_fields[name].annotation).validate_python(value)
+        for name, value in settings.items() if name in Config.model_fields
+    })  # fmt: skip
 
 
 def preset_of(layers: Iterable[Mapping]) -> str:

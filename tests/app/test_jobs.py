@@ -193,6 +193,26 @@ def test_crashed_constriction_becomes_a_row(tmp_path, monkeypatch):
     assert said == ["too fast"]
 
 
+@pytest.mark.parametrize("error", [TypeError("a bug"), ZeroDivisionError("by zero"),
+                                   OSError(5, "Input/output error")])
+def test_a_bug_stops(error, files, monkeypatch, tmp_path):
+    """It is no row that the analyses go on without; likewise in the other jobs."""
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(error))
+    monkeypatch.setattr("dldsim.experiments.constriction.simulate_constriction", crash(error))
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", crash(error))
+    group = {"group": SETTINGS["constriction_groups"]["G1"], "release_position_um": 3.0}
+    with pytest.raises(type(error)):
+        jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
+    with pytest.raises(type(error)):
+        jobs.constriction_job("G1_1", SETTINGS | group, row=files["row"], progress=print,
+                              trajectory=tmp_path / "t.parquet", crashes=files["crashes"])
+    assert not files["row"].exists() and not files["crashes"].exists()
+    finished_flow(files, monkeypatch)
+    with pytest.raises(type(error)):
+        do(files, tmp_path)
+    assert not outcome_files(tmp_path).outcome.exists() and not files["crashes"].exists()
+
+
 def test_interruption_is_no_crash(files, monkeypatch):
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(KeyboardInterrupt()))
     with pytest.raises(KeyboardInterrupt):

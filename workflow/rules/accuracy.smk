@@ -28,8 +28,9 @@ rule accuracy:
         csv=f"{RESULTS}/accuracy.csv",
     params:
         variants=VARIANTS,
-        config=CONFIG.model_dump(mode="json"),
-        settings=settings_of("accuracy", "numerics", "run_control"),
+        settings=gathered(
+            VARIANTS, "accuracy", "cell", "constriction", "numerics", "run_control"
+        ),
     log:
         f"{RESULTS}/logs/accuracy.log",
     benchmark:

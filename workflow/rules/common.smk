@@ -122,10 +122,6 @@ def outcome_settings(wildcards):
     }
 
 
-def stability_settings(wildcards):
-    return settings_of("cell", "flow", "numerics", "stiffness_sets", "constriction_groups")
-
-
 def accuracy_settings(wildcards):
     settings = accuracy.settings_for(accuracy.parse_variant(wildcards.variant), CONFIG)
     return {**settings, "physics_version": PHYSICS_VERSION}

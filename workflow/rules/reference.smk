@@ -55,8 +55,9 @@ rule critical_gaps:
         convergence_csv=f"{RESULTS}/reference/convergence.csv",
     params:
         searches=SEARCHES,
-        config=CONFIG.model_dump(mode="json"),
-        settings=settings_of("reference", "numerics"),
+        settings=gathered(
+            SEARCHES, "reference", "cell", "flow", "numerics", "run_control", "stiffness_sets"
+        ),
     log:
         f"{RESULTS}/logs/critical_gaps.log",
     benchmark:
@@ -80,7 +81,7 @@ rule reference_outcomes:
         check_csv=f"{RESULTS}/reference/sigma_num_check.csv",
     params:
         pairs=PAIRS,
-        settings=settings_of("reference", "numerics"),
+        settings=gathered(PAIRS),
     log:
         f"{RESULTS}/logs/reference_outcomes.log",
     benchmark:

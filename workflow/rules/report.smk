@@ -27,7 +27,9 @@ rule report:
     output:
         f"{RESULTS}/report.html",
     params:
-        settings=CONFIG.model_dump(mode="json"),
+        settings=settings_of(
+            "preset", "seed", "cell", "flow", "numerics", "run_control", "constriction"
+        ),
     log:
         f"{RESULTS}/logs/report.log",
     benchmark:

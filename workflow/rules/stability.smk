@@ -5,8 +5,9 @@ rule stability_family:
     output:
         table=ensure(f"{RESULTS}/stability/{{family}}.parquet", non_empty=True),
     params:
-        config=CONFIG.model_dump(mode="json"),
-        settings=stability_settings,
+        settings=settings_of(
+            "cell", "flow", "numerics", "stiffness_sets", "constriction_groups"
+        ),
     log:
         f"{RESULTS}/logs/stability_family/{{family}}.log",
     benchmark:
