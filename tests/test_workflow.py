@@ -425,7 +425,7 @@ def test_results_of_other_physics_are_refused(finished):
         done = snakemake(finished, "-n", "all", "--config", "preset=tiny", check=False)
         assert done.returncode != 0
         assert "results holds results of physics version -1" in done.stdout + done.stderr
-        snakemake(finished, "-n", "all", "--forceall", "--config", *TINY)
+        snakemake(finished, "-Fn", "all", "--config", *TINY)
     finally:
         stamp.write_text(ours)
 

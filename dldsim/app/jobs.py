@@ -39,26 +39,56 @@ from dldsim.experiments.outcome_files import (
     write_constriction,
     write_outcome,
 )
-from dldsim.tables.parquet import COLUMNS, atomic_path, read_rows, write_csv, write_table
+from dldsim.files import atomic_path, why_not_written
+from dldsim.tables.parquet import COLUMNS, read_rows, write_csv, write_table
 
 
 @contextlib.contextmanager
 def job_log(path: Path) -> Iterator[Progress]:
-    """Send everything printed to a log file; a DldsimError ends the job without a traceback."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Send everything printed to a log file.
+
+    What the user can mend (a DldsimError, a full disk, a folder that is closed) and an interruption
+    end the job without a traceback.
+    """
     console = sys.stderr
-    with path.open("w", encoding="utf-8", buffering=1) as log:
-        with contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
-            try:
-                yield _writer(log)
-            except DldsimError as error:
-                log.write(f"{error}\n")
-                console.write(f"{error}\n")
-                raise SystemExit(1) from None
-            except Exception:
-                log.write(traceback.format_exc())
-                raise
+    try:
+        with _logged(Path(path)) as progress:
+            yield progress
+    except KeyboardInterrupt:
+        raise SystemExit(INTERRUPTED) from None
+    except DldsimError as error:
+        console.write(f"{error}\n")
+        raise SystemExit(1) from None
+    except OSError as error:
+        if (reason := why_not_written(error)) is None:
+            raise
+        console.write(f"{reason}\n")
+        raise SystemExit(1) from None
+
+
+INTERRUPTED = 130
+"""Exit code of a process that Ctrl-C has ended."""
+
+
+@contextlib.contextmanager
+def _logged(path: Path) -> Iterator[Progress]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        path.open("w", encoding="utf-8", buffering=1) as log,
+        contextlib.redirect_stdout(log),
+        contextlib.redirect_stderr(log),
+    ):
+        try:
+            yield _writer(log)
+        except KeyboardInterrupt:
+            log.write("interrupted\n")
+            raise
+        except DldsimError as error:
+            log.write(f"{error}\n")
+            raise
+        except Exception:
+            log.write(traceback.format_exc())
+            raise
 
 
 def _writer(log: TextIO) -> Progress:

@@ -24,7 +24,8 @@ from dldsim.config.sections import (
 from dldsim.evidence import reference_study, spot_check
 from dldsim.evidence.reference_study import CAMPAIGN, Row
 from dldsim.experiments.outcome_files import NOT_JOINED, Partial, Progress
-from dldsim.tables.parquet import atomic_path, read_rows, write_csv, write_table
+from dldsim.files import atomic_path
+from dldsim.tables.parquet import read_rows, write_csv, write_table
 
 Simulator = Callable[[str, Geometry, str, Mapping[str, Any]], Row]
 """Row of `outcomes` of an identifier, its array, its stiffness set, and settings by section."""

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.sections import Config, Geometry, check_gap, in_force, preset_of, validate
 from dldsim.errors import DldsimError
+from dldsim.files import atomic_path, why_not_written
 
 GEOMETRY_PATTERN = r"r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+"
 OUTCOME_PATTERN = GEOMETRY_PATTERN + r"_s[A-Za-z0-9-]+"
@@ -216,11 +217,8 @@ def stamp() -> dict:
 
 def write_stamp(directory: Path) -> None:
     """Stamp a results folder with the versions that fill it."""
-    path = Path(directory) / STAMP
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(stamp()) + "\n", encoding="utf-8")
-    part.replace(path)
+    with atomic_path(Path(directory) / STAMP) as part:
+        part.write_text(json.dumps(stamp()) + "\n", encoding="utf-8")
 
 
 def check_stamp(directory: Path) -> None:
@@ -232,7 +230,11 @@ def check_stamp(directory: Path) -> None:
         made_by = json.loads(path.read_text(encoding="utf-8"))
         physics, version = made_by["physics_version"], made_by["dldsim_version"]
     except (ValueError, KeyError, TypeError) as error:
-        raise DldsimError(f"{path} is damaged. Delete it and start again.") from error
+        raise DldsimError(
+            f"{path} is damaged, so that the physics version of what lies in {directory}/ is not "
+            f"known. If it is this one ({PHYSICS_VERSION}), delete {path} alone, and all results "
+            f"are used. Otherwise: mv {directory} {directory}-old."
+        ) from error
     if physics != PHYSICS_VERSION:
         raise DldsimError(
             f"{directory} holds results of physics version {physics} (dldsim {version}); this is "
@@ -240,6 +242,17 @@ def check_stamp(directory: Path) -> None:
             f"the old results: mv {directory} {directory}-physics{physics}. To make everything "
             "anew in place: snakemake -j2 all --forceall."
         )
+
+
+def check_writable(directory: Path) -> None:
+    """Refuse a results folder in which nothing can be written, before any job fails on it."""
+    try:
+        with atomic_path(Path(directory) / ".writable") as part:
+            part.write_bytes(b"\n")
+        (Path(directory) / ".writable").unlink()
+    except OSError as error:
+        raise DldsimError(
+            f"{directory}/ cannot be written: {why_not_written(error) or error}") from None
 
 
 def closing_sentence(directory: Path) -> str:
@@ -299,17 +312,23 @@ def _read_csv(path: Path) -> list[dict]:
 # alone.
 
 
+DAMAGED = -1
+"""A number of crashes that no record holds, so that the job is tried again."""
+
+
 def count_crashes(directory: Path, identifier: str) -> int:
-    """How often the job has crashed so far."""
+    """How often the job has crashed so far; DAMAGED if the record cannot be read."""
     path = Path(directory) / f"{identifier}.txt"
-    return int(path.read_text().split(maxsplit=1)[0]) if path.exists() else 0
+    try:
+        return int(path.read_text(encoding="utf-8").split(maxsplit=1)[0])
+    except FileNotFoundError:
+        return 0
+    except (OSError, ValueError, IndexError):
+        return DAMAGED
 
 
 def record_crash(directory: Path, identifier: str, reason: str) -> None:
     """Count one more crash of the job and keep its reason."""
-    count = count_crashes(directory, identifier) + 1
-    path = Path(directory) / f"{identifier}.txt"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(f"{count}\n{reason}\n", encoding="utf-8")
-    part.replace(path)
+    count = max(count_crashes(directory, identifier), 0) + 1
+    with atomic_path(Path(directory) / f"{identifier}.txt") as part:
+        part.write_text(f"{count}\n{reason}\n", encoding="utf-8")

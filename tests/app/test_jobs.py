@@ -1,5 +1,6 @@
 """A crash becomes a row with its reason, so that the campaign goes on."""
 
+import errno
 from functools import partial
 from pathlib import Path
 
@@ -232,3 +233,48 @@ def test_log_takes_everything_and_bad_input_has_no_traceback(tmp_path, capsys):
     with pytest.raises(ValueError), jobs.job_log(log):
         raise ValueError("odd")
     assert "Traceback" in log.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("error", "code", "part"), [
+    (OSError(errno.ENOSPC, "No space left on device", "results/a.parquet"), 1, "Make room"),
+    (OSError(errno.EROFS, "Read-only file system", "results/a.parquet"), 1, "--directory"),
+    (KeyboardInterrupt(), 130, ""),
+])
+def test_a_full_disk_and_ctrl_c_have_no_traceback(error, code, part, tmp_path, capsys):
+    log = tmp_path / "a.log"
+    with pytest.raises(SystemExit) as stop, jobs.job_log(log):
+        raise error
+    said = capsys.readouterr().err
+    assert stop.value.code == code and part in said and said.count("\n") == bool(part)
+    assert stop.value.__suppress_context__
+
+
+def test_a_log_on_a_full_disk_is_told_in_one_line(capsys):
+    with pytest.raises(SystemExit), jobs.job_log(Path("/dev/full")) as progress:
+        progress("step 1 of 2")
+    assert capsys.readouterr().err.startswith("No space left on device")
+
+
+def test_a_flow_that_cannot_be_written_leaves_no_part(files, monkeypatch, tmp_path):
+    """Neither a row of status failed: the disk is to blame, not the array."""
+    from dldsim.solver.flow import EmptyFlow
+
+    class Flow:
+        geometry = flow = numerics = CONFIG.cell
+        spacing_um = pitch = nodes = steps = wall_time_s = 1
+        mobility = body_force = mean_velocity = populations = np.zeros(3)
+
+        def summary(self):
+            row = dict.fromkeys((c.name for c in COLUMNS["flows"]), 1.0)
+            return row | {"drive": "axial", "status": "steady"}
+
+        save = EmptyFlow.save
+
+    def full(*arguments, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", lambda *sections: Flow())
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(OSError):
+        jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
+    assert not [*tmp_path.glob("**/*.part")] and not files["crashes"].exists()

@@ -8,6 +8,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
+from snakemake.cli import get_argument_parser
 from snakemake.exceptions import WorkflowError
 from snakemake.io import apply_wildcards
 
@@ -27,6 +28,15 @@ RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
 
 
+def check_stamp():
+    """Refuse results of other physics, unless all of them are to be made anew."""
+    try:
+        campaign.check_stamp(Path(RESULTS))
+    except DldsimError:  # only now, since the options are not parsed for us
+        if not get_argument_parser().parse_known_args(sys.argv[1:])[0].forceall:
+            raise
+
+
 def configurations():
     """What we ship, the files that the user names, the command line: by name, later ones win."""
     given = workflow.config_settings
@@ -43,8 +53,8 @@ try:
     CONFIG = resolve({}, COMMAND_LINE, FILES)
     if workflow.is_main_process:
         logger.info(campaign.origins(LAYERS))
-    if workflow.is_main_process and not {"--forceall", "-F"} & set(sys.argv):
-        campaign.check_stamp(Path(RESULTS))
+    if workflow.is_main_process:
+        check_stamp()
     GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
     OUTCOMES = [campaign.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
