@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import venv
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
@@ -440,6 +441,24 @@ def test_bad_configuration_is_told(tmp_path, change, part):
     folder = copy_workflow(tmp_path)
     done = snakemake(folder, "-n", "all", "--config", change, check=False)
     assert done.returncode != 0 and part in done.stdout + done.stderr
+
+
+def test_a_clone_and_an_environment_whose_path_has_a_blank(tmp_path):
+    """Snakemake runs the interpreter through a shell, unquoted."""
+    folder = tmp_path / "a clone's folder"
+    venv.create(folder / ".venv", symlinks=True)
+    [packages] = (folder / ".venv" / "lib").glob("*/site-packages")
+    (packages / "ours.pth").write_text(f"{Path(pa.__file__).parents[1]}\n{ROOT}\n")
+    (folder / "Snakefile").write_text(
+        "from dldsim.config import campaign\ncampaign.quote_interpreter()\n"
+        "rule all:\n    output: 'done.txt'\n    script: 'job.py'\n")
+    (folder / "job.py").write_text(
+        "import sys\nopen(snakemake.output[0], 'w').write(sys.executable)\n")
+    python = folder / ".venv" / "bin" / "python"
+    done = subprocess.run([python, "-m", "snakemake", "-j1"], cwd=folder, capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert Path((folder / "done.txt").read_text()) == python
 
 
 @pytest.mark.campaign

@@ -8,6 +8,8 @@ import hashlib
 import json
 import os
 import re
+import shlex
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -205,6 +207,12 @@ def import_from(folder: Path) -> None:
     others = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     paths = dict.fromkeys(path for path in (str(folder), *others) if path)
     os.environ["PYTHONPATH"] = os.pathsep.join(paths)
+
+
+def quote_interpreter() -> None:
+    """Let Snakemake start an interpreter whose path has a blank: it calls it unquoted."""
+    if not sys.executable.startswith("'"):
+        sys.executable = shlex.quote(sys.executable)
 
 
 STAMP = ".dldsim.json"

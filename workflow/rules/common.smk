@@ -23,6 +23,7 @@ from dldsim.evidence.stability_sweep import FAMILIES
 from dldsim.evidence.validation import CASES
 
 campaign.import_from(Path(workflow.basedir))
+campaign.quote_interpreter()
 
 RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
