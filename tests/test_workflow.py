@@ -297,7 +297,8 @@ READS = {
     "accuracy_run": OUTCOME | {"accuracy", "constriction", "constriction_groups"},
     "accuracy": {"accuracy", "cell", "numerics", "run_control", "constriction"},
     "stability_family": {"cell", "flow", "numerics", "stiffness_sets", "constriction_groups"},
-    "report": {"preset", "seed", "cell", "flow", "numerics", "run_control", "constriction"},
+    "report": {"preset", "seed", "cell", "flow", "numerics", "run_control", "constriction",
+               "design_requests"},
 }
 """Sections of which a rule's jobs depend on at least one value."""
 CHANGES = {
@@ -459,6 +460,21 @@ def test_a_clone_and_an_environment_whose_path_has_a_blank(tmp_path):
                           text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert Path((folder / "done.txt").read_text()) == python
+
+
+@pytest.mark.parametrize(("home", "beside"), [({"HOME": "/dev/null"}, True), ({}, True),
+                                              ({"HOME": "{folder}"}, False),
+                                              ({"XDG_CACHE_HOME": "{folder}"}, False)])
+def test_without_a_home_caches_lie_beside_the_environment(home, beside, tmp_path):
+    """Snakemake cannot start without one."""
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    environment = {name: value.format(folder=tmp_path) for name, value in home.items()}
+    said = subprocess.run(
+        ["make", "--silent", "--eval", "show: ; @echo \"$$XDG_CACHE_HOME\"", "show"],
+        cwd=tmp_path, env={"PATH": os.environ["PATH"], **environment}, capture_output=True,
+        text=True, check=True,
+    ).stdout.strip()  # fmt: skip
+    assert (said == f"{tmp_path}/.venv/cache") == beside
 
 
 @pytest.mark.campaign

@@ -28,7 +28,8 @@ rule report:
         f"{RESULTS}/report.html",
     params:
         settings=settings_of(
-            "preset", "seed", "cell", "flow", "numerics", "run_control", "constriction"
+            "preset", "seed", "cell", "flow", "numerics", "run_control", "constriction",
+            "design_requests",
         ),
     log:
         f"{RESULTS}/logs/report.log",
