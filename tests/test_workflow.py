@@ -20,10 +20,12 @@ import pytest
 import yaml
 from snakemake.api import SnakemakeApi
 from snakemake.cli import parse_config
+from snakemake.exceptions import WorkflowError
 from snakemake.settings.enums import Quietness, RerunTrigger
 from snakemake.settings.types import (
     ConfigSettings,
     DAGSettings,
+    ExecutionSettings,
     OutputSettings,
     ResourceSettings,
 )
@@ -71,8 +73,11 @@ class Plan(NamedTuple):
         return Counter(job.rule.name for job in self.needed)
 
 
-def plan(folder, *targets, config=None, files=(), triggers=None):
-    """A dry run in this process, with the triggers of the profile; `config` as on the command line.
+@contextlib.contextmanager
+def started(folder, *targets, config=None, files=(), triggers=None, **options):
+    """A start in this process, with the triggers of the profile; `config` as on the command line.
+
+    Gives the workflow, its graph, and the log so far.
     """
     said, listener = io.StringIO(), logging.getLogger("snakemake.logging")
     handler, level = logging.StreamHandler(said), listener.level
@@ -86,15 +91,27 @@ def plan(folder, *targets, config=None, files=(), triggers=None):
                 config_settings=ConfigSettings(
                     config=parse_config(config) if config else {}, configfiles=[*map(Path, files)]),
             )  # fmt: skip
-            steps.dag(DAGSettings(targets=frozenset(targets), rerun_triggers=triggers))
-            workflow = steps._workflow
-            workflow._prepare_dag(forceall=False, ignore_incomplete=True, lock_warn_only=True,
-                                  nolock=True)
-            workflow._build_dag()
-            return Plan([*workflow.dag.needrun_jobs()], [*workflow.dag.jobs], said.getvalue())
+            graph = steps.dag(DAGSettings(targets=frozenset(targets), rerun_triggers=triggers,
+                                          **options))
+            yield steps._workflow, graph, said
         finally:
             listener.removeHandler(handler)
             listener.setLevel(level)
+
+
+def plan(folder, *targets, **options):
+    """A dry run."""
+    with started(folder, *targets, **options) as (workflow, _, said):
+        workflow._prepare_dag(forceall=False, ignore_incomplete=True, lock_warn_only=True,
+                              nolock=True)
+        workflow._build_dag()
+        return Plan([*workflow.dag.needrun_jobs()], [*workflow.dag.jobs], said.getvalue())
+
+
+def touch(folder, *targets, **options):
+    """Let Snakemake take what is there for just made."""
+    with started(folder, *targets, forceall=True, **options) as (_, graph, _):
+        graph.execute_workflow(executor="touch", execution_settings=ExecutionSettings(lock=False))
 
 
 def planned(folder, *targets, **options):
@@ -121,7 +138,7 @@ def finished(tmp_path_factory):
         for file in job.output:
             write_shell(folder / file, job.params.get("settings"))
     (folder / "results" / campaign.STAMP).write_text(json.dumps(campaign.stamp()))
-    snakemake(folder, "all", "--touch", "--forceall", "--config", *TINY)
+    touch(folder, "all", config=TINY)
     assert planned(folder, "all", config=TINY) == {}
     return folder
 
@@ -388,7 +405,7 @@ def test_a_finished_point_is_not_made_again(tmp_path):
     for name in files[:2]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("shell")
-    snakemake(folder, files[1], "--touch", "--forceall")
+    touch(folder, files[1])
     assert planned(folder, files[2]) == {"critical_gap_point": 1}
 
 
@@ -440,8 +457,8 @@ def test_results_of_other_physics_are_refused(finished):
 )
 def test_bad_configuration_is_told(tmp_path, change, part):
     folder = copy_workflow(tmp_path)
-    done = snakemake(folder, "-n", "all", "--config", change, check=False)
-    assert done.returncode != 0 and part in done.stdout + done.stderr
+    with pytest.raises(WorkflowError, match=re.escape(part)):
+        plan(folder, "all", config=[change])
 
 
 def test_a_clone_and_an_environment_whose_path_has_a_blank(tmp_path):
