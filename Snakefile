@@ -31,7 +31,6 @@ for each in workflow.rules:
 
 
 onstart:
-    campaign.check_writable(Path(RESULTS))
     campaign.write_stamp(Path(RESULTS))
 
 

@@ -32,6 +32,7 @@ from snakemake.settings.types import (
 
 from dldsim.config import campaign
 from dldsim.config.sections import Config, read_config
+from dldsim.errors import DldsimError
 from dldsim.evidence import reference_study
 from dldsim.tables.parquet import METADATA_KEY, read_rows
 
@@ -447,6 +448,23 @@ def test_results_of_other_physics_are_refused(finished):
         snakemake(finished, "-Fn", "all", "--config", *TINY)
     finally:
         stamp.write_text(ours)
+
+
+@pytest.mark.parametrize("place", [".", "results"])
+def test_a_folder_that_cannot_be_written_is_refused_before_any_job(place, tmp_path, monkeypatch):
+    folder = copy_workflow(tmp_path)
+    (folder / "results").mkdir()
+
+    def closed(path):
+        if path == Path(place):
+            raise DldsimError(f"Folder {path} cannot be written.")
+
+    monkeypatch.setattr(campaign, "check_writable", closed)
+    monkeypatch.setattr(sys, "argv", ["snakemake", "-j2"])
+    with pytest.raises(WorkflowError, match="cannot be written"):
+        plan(folder, "flows")
+    monkeypatch.setattr(sys, "argv", ["snakemake", "-nj2"])
+    assert planned(folder, "flows")
 
 
 @pytest.mark.parametrize(

@@ -86,8 +86,9 @@ def _logged(path: Path) -> Iterator[Progress]:
         except DldsimError as error:
             log.write(f"{error}\n")
             raise
-        except Exception:
-            log.write(traceback.format_exc())
+        except Exception as error:
+            reason = why_not_written(error) if isinstance(error, OSError) else None
+            log.write(f"{reason}\n" if reason else traceback.format_exc())
             raise
 
 

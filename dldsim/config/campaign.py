@@ -253,14 +253,15 @@ def check_stamp(directory: Path) -> None:
 
 
 def check_writable(directory: Path) -> None:
-    """Refuse a results folder in which nothing can be written, before any job fails on it."""
+    """Refuse a folder in which nothing can be written, before any job fails on it."""
     try:
         with atomic_path(Path(directory) / ".writable") as part:
             part.write_bytes(b"\n")
         (Path(directory) / ".writable").unlink()
     except OSError as error:
-        raise DldsimError(
-            f"{directory}/ cannot be written: {why_not_written(error) or error}") from None
+        reason = why_not_written(error) or error
+        folder = Path(directory).resolve()
+        raise DldsimError(f"Folder {folder} cannot be written: {reason}") from None
 
 
 def closing_sentence(directory: Path) -> str:

@@ -246,7 +246,7 @@ def test_a_full_disk_and_ctrl_c_have_no_traceback(error, code, part, tmp_path, c
         raise error
     said = capsys.readouterr().err
     assert stop.value.code == code and part in said and said.count("\n") == bool(part)
-    assert stop.value.__suppress_context__
+    assert stop.value.__suppress_context__ and "Traceback" not in log.read_text(encoding="utf-8")
 
 
 def test_a_log_on_a_full_disk_is_told_in_one_line(capsys):

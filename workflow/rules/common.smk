@@ -29,12 +29,12 @@ RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
 
 
-def check_stamp():
-    """Refuse results of other physics, unless all of them are to be made anew."""
+def refuse(check, folder, option):
+    """Stop where a check of a folder fails, unless Snakemake was given this option."""
     try:
-        campaign.check_stamp(Path(RESULTS))
+        check(Path(folder))
     except DldsimError:  # only now, since the options are not parsed for us
-        if not get_argument_parser().parse_known_args(sys.argv[1:])[0].forceall:
+        if not vars(get_argument_parser().parse_known_args(sys.argv[1:])[0])[option]:
             raise
 
 
@@ -55,7 +55,9 @@ try:
     if workflow.is_main_process:
         logger.info(campaign.origins(LAYERS))
     if workflow.is_main_process:
-        check_stamp()
+        for folder in filter(os.path.exists, (".", RESULTS)):
+            refuse(campaign.check_writable, folder, option="dryrun")
+        refuse(campaign.check_stamp, RESULTS, option="forceall")
     GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
     OUTCOMES = [campaign.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
