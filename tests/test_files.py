@@ -8,6 +8,7 @@ import pytest
 from dldsim.config import campaign
 from dldsim.errors import DldsimError
 from dldsim.files import atomic_path, why_not_read, why_not_written
+from dldsim.report import campaign_page
 from dldsim.tables import parquet
 
 
@@ -70,3 +71,11 @@ def test_a_good_file_out_of_reach_is_not_called_damaged(tmp_path, monkeypatch):
         parquet.read_columns("runs", tmp_path / "runs.parquet")
     assert "Delete" not in str(refusal.value)
     assert why_not_read(tmp_path, EOFError()) is None
+
+
+def test_a_report_that_cannot_be_written_is_told_in_one_sentence(tmp_path, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "results/report.html")
+
+    monkeypatch.setattr(campaign_page, "make_report", full)
+    assert campaign_page.renew_report(tmp_path, {}).startswith("No report: No space left")
