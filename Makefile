@@ -5,6 +5,15 @@ VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
 
+# Snakemake, the kernels and the plots keep caches in the user's home. Without one that can be
+# written they lie beside the environment.
+HOMELESS := $(shell home="$${XDG_CACHE_HOME:-$${HOME:+$$HOME/.cache}}"; test -n "$$home" \
+	&& mkdir -p "$$home" 2>/dev/null && test -w "$$home" || echo homeless)
+ifneq ($(HOMELESS),)
+export XDG_CACHE_HOME := $(CURDIR)/$(VENV)/cache
+export XDG_CONFIG_HOME := $(XDG_CACHE_HOME)
+endif
+
 .PHONY: campaign test web bench schema data reference clean
 
 campaign: $(VENV)/installed

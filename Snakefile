@@ -26,6 +26,10 @@ rule all:
         "the campaign is complete"
 
 
+for each in workflow.rules:
+    watch(each)
+
+
 onstart:
     campaign.write_stamp(Path(RESULTS))
 

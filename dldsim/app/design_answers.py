@@ -9,8 +9,8 @@ import pandas as pd
 
 from dldsim.analysis import surrogate
 from dldsim.analysis.calibration import join_deformation_index
-from dldsim.app.jobs import Progress, provenance
 from dldsim.config import campaign
+from dldsim.config.campaign import provenance
 from dldsim.config.sections import (
     CellShape,
     DesignRequest,
@@ -29,6 +29,7 @@ from dldsim.design.search import Each, Found, search
 from dldsim.design.simulator import Scene, Simulator, conditions
 from dldsim.design.verified import Verdicts, export, plain
 from dldsim.errors import DldsimError
+from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.parquet import write_csv, write_table
 
 SEARCH = (

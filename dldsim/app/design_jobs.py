@@ -8,14 +8,15 @@ import pandas as pd
 
 from dldsim.analysis import surrogate
 from dldsim.app.design_answers import SEARCH, by_deformation_index, verify_request
-from dldsim.app.jobs import Progress, provenance
 from dldsim.config import campaign
+from dldsim.config.campaign import provenance
 from dldsim.config.sections import DesignRequest
 from dldsim.design.chip import Chip
 from dldsim.design.finished_campaign import make_chip
 from dldsim.design.search import regret, search
 from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
+from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.parquet import COLUMNS, read_many, read_table, write_csv, write_table
 
 

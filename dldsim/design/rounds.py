@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 
 from dldsim.analysis.surrogate import Surrogate
-from dldsim.app.jobs import Progress
 from dldsim.config import campaign
 from dldsim.config.sections import DesignRequest, Geometry
 from dldsim.config.sections import Verification as Budget
@@ -22,6 +21,7 @@ from dldsim.design.task import Task
 from dldsim.design.verdict import compare, parts
 from dldsim.design.verified import Verdicts, design_table
 from dldsim.errors import DldsimError
+from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.parquet import COLUMNS
 
 

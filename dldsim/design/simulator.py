@@ -8,20 +8,20 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis import uncertainty
-from dldsim.app.jobs import (
+from dldsim.config import campaign
+from dldsim.config.campaign import provenance
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl
+from dldsim.design.export import Verified
+from dldsim.design.populations import Population
+from dldsim.errors import DldsimError
+from dldsim.experiments.outcome_files import (
     OutcomeFiles,
     Partial,
     Progress,
     flow_row,
     made_with,
-    provenance,
     write_outcome,
 )
-from dldsim.config import campaign
-from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl
-from dldsim.design.export import Verified
-from dldsim.design.populations import Population
-from dldsim.errors import DldsimError
 from dldsim.tables.parquet import read_columns, read_rows, write_table
 
 SHAPES_EVERY = 2

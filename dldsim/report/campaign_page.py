@@ -13,6 +13,7 @@ from typing import Any
 from markupsafe import Markup
 
 from dldsim.errors import DldsimError
+from dldsim.files import why_not_written
 from dldsim.report.formats import listing
 from dldsim.report.inputs import TABLES, Missing, read_inputs
 from dldsim.report.page import Grid, Page, Section, render_sections, write_page
@@ -98,6 +99,10 @@ def renew_report(results_dir: Path, config: Mapping[str, Any]) -> str:
     except DldsimError as error:
         output.unlink(missing_ok=True)
         return f"No report: {error}"
+    except OSError as error:
+        if (reason := why_not_written(error)) is None:
+            raise
+        return f"No report: {reason}"
     return f"The report of what there is, with what is missing and why: {output}"
 
 

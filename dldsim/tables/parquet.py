@@ -6,9 +6,7 @@ reading if it is truncated, foreign, of another kind, or of another physics vers
 
 import json
 import math
-import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +18,7 @@ import pyarrow.parquet as pq
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.errors import DldsimError
+from dldsim.files import atomic_path, why_not_read
 
 METADATA_KEY = b"dldsim"
 
@@ -816,19 +815,19 @@ def read_columns(kind: str, path: Path) -> pa.Table:
         raise DldsimError(
             f"{path} was made by physics version {metadata['physics_version']} (dldsim "
             f"{metadata['dldsim_version']}); this is version {PHYSICS_VERSION} (dldsim "
-            f"{__version__}), whose trajectories differ. Delete results/, or make everything anew "
-            "with `snakemake -j2 all --forceall`."
+            f"{__version__}), whose trajectories differ. Move results/ away, or make everything "
+            "anew with `snakemake -j2 all --forceall`."
         )
     try:
         table = pq.ParquetFile(path).read()
-    except (pa.ArrowException, OSError) as error:
-        raise DldsimError(_damaged(path)) from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DldsimError(_unreadable(path, error)) from error
     if not table.schema.equals(schema(kind)):
         differing = set(table.schema.names) ^ set(schema(kind).names)
         raise DldsimError(
             f"{path} has other columns than a table of kind {kind} in dldsim {__version__} "
             f"({', '.join(sorted(differing)) or 'types or order differ'}); it was made by dldsim "
-            f"{metadata['dldsim_version']}. Delete it and run `snakemake -j2 all`."
+            f"{metadata['dldsim_version']}. Move it away and run `snakemake -j2 all`."
         )
     return table
 
@@ -881,29 +880,15 @@ def describe(path: Path) -> dict:
             "provenance": metadata}
 
 
-@contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """A part file beside `path` that becomes `path` on success and vanishes on failure."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield part
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def _stamped(kind: str, target: pa.Schema, provenance: Mapping[str, Any]) -> pa.Schema:
     record = {"kind": kind, "dldsim_version": __version__, "physics_version": PHYSICS_VERSION}
     text = json.dumps(record | dict(provenance), ensure_ascii=False, sort_keys=True)
     return target.with_metadata({METADATA_KEY: text.encode()})
 
 
-def _damaged(path: Path) -> str:
-    return (
+def _unreadable(path: Path, error: Exception) -> str:
+    """Damaged; or good but out of reach, which is no reason to delete it."""
+    return why_not_read(path, error) or (
         f"{path} is not a readable Parquet file: truncated, or of another format. Delete it and "
         "run `snakemake -j2 all`, which makes it anew."
     )
@@ -915,8 +900,8 @@ def _provenance(path: Path) -> dict:
     except FileNotFoundError as error:
         raise DldsimError(f"{path} does not exist. Check the path, or make it with "
                           "`snakemake -j2 all`.") from error
-    except (pa.ArrowException, OSError) as error:
-        raise DldsimError(_damaged(path)) from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DldsimError(_unreadable(path, error)) from error
     if METADATA_KEY not in metadata:
         raise DldsimError(f"{path} was not written by dldsim: it carries no dldsim metadata. "
                           "Move it out of the results folder, or check the path.")

@@ -14,6 +14,8 @@ rule surrogate:
         f"{RESULTS}/logs/surrogate.log",
     benchmark:
         f"{RESULTS}/benchmarks/surrogate.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "fit the surrogate of the migration angle"
     script:
@@ -50,6 +52,8 @@ rule designs:
         f"{RESULTS}/logs/designs.log",
     benchmark:
         f"{RESULTS}/benchmarks/designs.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "search for designs"
     script:
@@ -68,6 +72,8 @@ rule search_regret:
         f"{RESULTS}/logs/search_regret.log",
     benchmark:
         f"{RESULTS}/benchmarks/search_regret.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "compare the design search with random and exhaustive search"
     script:
@@ -92,6 +98,8 @@ rule verify:
         f"{RESULTS}/logs/verify/{{request}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/verify/{{request}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "verify the designs of {wildcards.request} by simulation"
     script:
@@ -122,11 +130,13 @@ rule verifications:
         model=f"{RESULTS}/surrogate_verified.json",
         card=f"{RESULTS}/surrogate_verified_card.json",
     params:
-        settings=seeded(),
+        settings=gathered(REQUESTS, "seed"),
     log:
         f"{RESULTS}/logs/verifications.log",
     benchmark:
         f"{RESULTS}/benchmarks/verifications.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the verified designs and refit the surrogate"
     script:

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if args.out:
         check_writable(args.out / f"{outcome}_y0.000.trajectory.parquet", "--out")
     from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
-    from dldsim.app import jobs
+    from dldsim.experiments import outcome_files
     from dldsim.experiments.array_run import simulate_outcome, simulate_run
     from dldsim.experiments.vtk import Recorder
 
@@ -80,14 +80,14 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         trajectory = args.out / f"{name}.trajectory.parquet"
         if args.releases is None:
             files = [args.out / f"{name}.run.parquet", trajectory]
-            jobs.write_run(result, *files, settings)
+            outcome_files.write_run(result, *files, settings)
             if shown:
                 files += _show(args, recorder.shapes(geometry, result), result.row, settings)
         else:
-            files = jobs.OutcomeFiles(args.out / f"{name}.outcome.parquet",
+            files = outcome_files.OutcomeFiles(args.out / f"{name}.outcome.parquet",
                                       args.out / f"{name}.runs.parquet", trajectory)
             result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
-            jobs.write_outcome(result, files, settings)
+            outcome_files.write_outcome(result, files, settings)
         summary["files"] = [str(path) for path in files]
     return summary, listing(summary)
 
@@ -134,12 +134,12 @@ def flow(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     sections = [section_of(model, config, args) for model in (Flow, Numerics)]
     if args.out:
         check_writable(args.out, "--out")
-    from dldsim.app import jobs
+    from dldsim.experiments import outcome_files
     from dldsim.solver.flow import solve_empty_array
 
     with Display() as progress:
         result = solve_empty_array(geometry, *sections, progress)
-    summary = jobs.flow_row(result)
+    summary = outcome_files.flow_row(result)
     if args.out:
         result.save(args.out)
         summary["files"] = [str(args.out)]
@@ -161,7 +161,7 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     sections = [cell, flow, _channel_numerics(config, args)]
     if args.out:
         check_writable(args.out / f"{name}_at-{release:g}.trajectory.parquet", "--out")
-    from dldsim.app import jobs
+    from dldsim.experiments import outcome_files
     from dldsim.experiments.constriction import simulate_constriction
 
     with Display() as progress:
@@ -177,7 +177,7 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         }
         row = args.out / f"{summary['run_id']}.run.parquet"
         trajectory = args.out / f"{summary['run_id']}.trajectory.parquet"
-        jobs.write_constriction(result, row, trajectory, settings)
+        outcome_files.write_constriction(result, row, trajectory, settings)
         summary["files"] = [str(row), str(trajectory)]
     return summary, listing(summary)
 
