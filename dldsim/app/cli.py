@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dldsim import PHYSICS_VERSION, __version__
+from dldsim import __version__
 from dldsim.config.sections import (
     Cell,
     Config,
@@ -195,24 +195,25 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Analysis of variance of anybody's table of outcomes."""
-    from dldsim.analysis.statistics import analyse
+    from dldsim.analysis.anova import analyse
+    from dldsim.analysis.sensitivity import sobol_of_table
+    from dldsim.tables.user_table import read_user_table
 
-    frame = _read_any(args.table)
+    frame, found, _ = read_user_table(args.table)
     result, residuals = analyse(frame, args.seed)
-    summary = {"table": str(args.table), "rows": _records(result),
-               "diagnostics": _records(residuals), "sobol": []}
-    lines = ["Type II analysis of variance of migration_angle_deg", *_frame_lines(result), "",
+    summary = {"table": str(args.table), "found": found, "rows": _records(result),
+               "diagnostics": _records(residuals), "sobol": [], "sobol_notes": []}
+    lines = [*(f"{args.table}: {note}" for note in found),
+             "Type II analysis of variance of migration_angle_deg", *_frame_lines(result), "",
              "Residuals of the models", *_frame_lines(residuals), "",
              "Sobol indices of a surrogate fitted to the table"]
-    from dldsim.analysis.sensitivity import sobol_of_table
-
     try:
-        indices = sobol_of_table(frame, args.seed)
+        indices, notes = sobol_of_table(frame, args.seed)
     except DldsimError as error:
         summary["sobol_refused"] = str(error)
         return summary, [*lines, f"none: {error}"]
-    summary["sobol"] = _records(indices)
-    return summary, [*lines, *_frame_lines(indices)]
+    summary |= {"sobol": _records(indices), "sobol_notes": notes}
+    return summary, [*lines, *_frame_lines(indices), *(f"note: {note}" for note in notes)]
 
 
 def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -403,37 +404,6 @@ def _constriction_group(config: Config | None, args: argparse.Namespace
     return name, validate(ConstrictionGroup, group.model_dump() | _given(ConstrictionGroup, args))
 
 
-def _read_any(path: Path):
-    """A CSV or Parquet table of any origin as a DataFrame."""
-    import pandas as pd
-
-    readers = {".csv": pd.read_csv, ".parquet": pd.read_parquet}
-    if path.suffix not in readers:
-        raise DldsimError(f"{path}: a table must be a .csv or .parquet file.")
-    _check_physics(path)
-    try:
-        return readers[path.suffix](path)
-    except FileNotFoundError as error:
-        raise DldsimError(f"{path} does not exist.") from error
-    except Exception as error:
-        raise DldsimError(f"{path} is not a readable {path.suffix[1:]} file: {error}") from error
-
-
-def _check_physics(path: Path) -> None:
-    """Refuse a Parquet table that another physics version of this package wrote."""
-    from dldsim.tables.parquet import describe
-
-    try:
-        version = describe(path)["provenance"]["physics_version"]
-    except DldsimError:  # not a table of this package, or no Parquet at all
-        return
-    if version != PHYSICS_VERSION:
-        raise DldsimError(
-            f"{path} was made by physics version {version}; this is version {PHYSICS_VERSION}, "
-            "whose angles differ. Simulate the campaign anew: snakemake -j2 all."
-        )
-
-
 # ------------------------------------------------------------------------------------------ output
 
 
@@ -608,10 +578,14 @@ def _records(frame) -> list[dict]:
 
 def _frame_lines(frame) -> list[str]:
     """A table without its notes, and each different note below."""
-    notes = frame["note"].unique() if "note" in frame else []
+    notes = {}
+    if "note" in frame:
+        for _, row in frame[frame["note"] != ""].iterrows():
+            notes.setdefault(row["note"], []).append(row["term"])
     numbers = frame.drop(columns="note", errors="ignore")
     lines = numbers.to_string(index=False, na_rep="", float_format="{:.4g}".format).splitlines()
-    return lines + [f"note: {note}" for note in notes if note]
+    return lines + [f"note on {', '.join(dict.fromkeys(terms))}: {note}"
+                    for note, terms in notes.items()]
 
 
 # ------------------------------------------------------------------------------------------ parser
@@ -674,8 +648,8 @@ def _parser() -> argparse.ArgumentParser:
     variance = _command(commands, "anova", anova, "analysis of variance of the migration angle")
     variance.add_argument("table", type=Path, metavar="TABLE",
                           help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
-                               "periodicity, stiffness_set, deformation_index and "
-                               "migration_angle_deg")
+                               "periodicity, deformation_index and migration_angle_deg, and "
+                               "stiffness_set if there are sets")
 
     variance.add_argument("--seed", type=int, default=1, metavar="N",
                           help="of permutations and surrogate; default %(default)s")

@@ -7,7 +7,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from dldsim.analysis.statistics import GEOMETRY
+from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.report.angle_figures import AXIS_LABEL
 from dldsim.report.style import key, legend, multiples, ordered, styled
 

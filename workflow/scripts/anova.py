@@ -1,6 +1,6 @@
 """Outcomes in, analysis of variance and its diagnostics out."""
 
-from dldsim.analysis.statistics import analyse
+from dldsim.analysis.anova import analyse
 from dldsim.app.jobs import job_log, provenance
 from dldsim.config.campaign import derive_seed
 from dldsim.tables.parquet import read_table, write_csv, write_table

@@ -2,7 +2,8 @@
 
 from markupsafe import Markup
 
-from dldsim.analysis.statistics import GEOMETRY, most_frequent
+from dldsim.analysis.design_matrix import GEOMETRY
+from dldsim.analysis.robustness import most_frequent
 from dldsim.report import statistics_figures
 from dldsim.report.formats import (
     ANGLE,
