@@ -159,10 +159,14 @@ def usable(
     places = np.flatnonzero(reasons.isna())
     _refuse_doubled(frame, places)
     if len(places) > ROWS_MOST:
-        chosen = np.random.default_rng(seed).choice(len(places), ROWS_MOST, replace=False)
-        notes.append(("rows", f"{len(places) - ROWS_MOST} of {len(data)} rows left out: at most "
-                      f"{ROWS_MOST} are analysed, drawn at random (seed {seed}) to bound the time"))
-        places = places[np.sort(chosen)]
+        drawn = data.iloc[np.random.default_rng(seed).permutation(places)]
+        repeat = drawn.groupby([*GEOMETRY, DEFORMATION, "stiffness_set"]).cumcount()
+        each = max(1, ROWS_MOST // int((repeat == 0).sum()))  # of each cell equally many
+        kept = np.sort(drawn.index[repeat < each][:ROWS_MOST])
+        notes.append(("rows", f"{len(places) - len(kept)} of {len(data)} rows left out: at most "
+                      f"{ROWS_MOST} are analysed, {each} of each array and cell, drawn at random "
+                      f"(seed {seed}) to bound the time"))
+        places = kept
     data = data.iloc[places].reset_index(drop=True)
     crowded = [n for n in GEOMETRY if data[n].nunique() > LEVELS_MOST]
     if crowded:

@@ -50,22 +50,30 @@ def permutation(
         return {}, [f"no p by permutation: geometries with all {sets} cells, {repeats} times each, "
                     f"hold {len(work)} of {len(data)} rows, at least {LEAST_COMPLETE:.0%} are "
                     "needed"]
+    cells = work.groupby(["group", "stiffness_set"], as_index=False, sort=True)
+    if (cells[DEFORMATION].nunique()[DEFORMATION] > 1).any():
+        return {}, ["no p by permutation: deformation_index differs among repeats of a cell"]
+    # repeats move with their cell, so that their scatter stays what it is, and their mean counts
+    scatter = float((cells[ANGLE].var(ddof=0)[ANGLE] * repeats).sum())
+    work = cells.first().assign(**{ANGLE: cells[ANGLE].mean()[ANGLE] * repeats**0.5})
     cost = len(work) * (1 + width(work, terms)) * len(terms)
     draws = int(min(PERMUTATIONS, VALUES / len(work), PRODUCTS / cost))
     if draws < FEWEST:
-        return {}, [f"no p by permutation: {len(work)} rows allow {draws} permutations in the time "
-                    f"that there is, at least {FEWEST} are needed"]
+        return {}, [f"no p by permutation: {len(work)} cells allow {draws} permutations in the "
+                    f"time that there is, at least {FEWEST} are needed"]
     notes = []
     if draws < PERMUTATIONS:
         notes = [f"p by permutation: {draws} permutations instead of {PERMUTATIONS}, to bound the "
-                 f"time for {len(work)} rows; the least p is {1 / (1 + draws):.2g}"]
+                 f"time for {len(work)} cells; the least p is {1 / (1 + draws):.2g}"]
     full = basis(work, terms)
-    if full.shape[1] >= len(work):
+    if full.shape[1] >= len(work) and not scatter:
         return {}, ["no p by permutation: the rows of complete geometries determine the model"]
     y = work[ANGLE].to_numpy()
     rng = np.random.default_rng(seed)
     whole = np.argsort(rng.random((draws, count)), axis=1)
     within = np.argsort(rng.random((draws, count, sets)), axis=2)
+    blocks = (whole[:, :, None] * sets + np.arange(sets)).reshape(draws, -1)
+    swaps = (np.arange(count)[:, None] * sets + within).reshape(draws, -1)
     found = {}
     for term in terms:
         alone = term == (DEFORMATION,)
@@ -76,29 +84,21 @@ def permutation(
         less = basis(work, kept)
         beside = basis(work, [*kept, term])  # Type II: what contains the term is left out of both
         rest = y - less @ (less.T @ y)
-        observed = _ratio(rest[:, None], beside, full)[0]
-        larger = 0
-        step = max(1, int(VALUES / 10 / len(work)))
-        for start in range(0, draws, step):
-            part = slice(start, start + step)
-            places = (np.arange(count)[:, None] * sets + within[part] if alone
-                      else whole[part, :, None] * sets + np.arange(sets)).reshape(-1, count * sets)
-            order = (places[:, :, None] * repeats + np.arange(repeats)).reshape(len(places), -1)
-            ratio = _ratio(rest[order].T, beside, full, less)
-            larger += int((ratio >= observed * (1 - 1e-9)).sum())
-        found[term] = (1 + larger) / (1 + draws)
+        sample = np.vstack([rest, rest[swaps if alone else blocks]]).T
+        ratio = _ratio(sample, less, beside, full, scatter)
+        found[term] = float((1 + (ratio[1:] >= ratio[0] * (1 - 1e-9)).sum()) / (1 + draws))
     return found, notes
 
 
-def _ratio(sample: np.ndarray, beside: np.ndarray, full: np.ndarray,
-           less: np.ndarray | None = None) -> np.ndarray:
+def _ratio(sample: np.ndarray, less: np.ndarray, beside: np.ndarray, full: np.ndarray,
+           scatter: float) -> np.ndarray:
     """What a term explains of each column over what the model leaves of it.
 
     Columns are residuals, permuted or not, of the model without the term. Its fit, on which they
     would be put back, lies in the span of all of these bases and changes neither.
     """
-    gain = ((beside.T @ sample) ** 2).sum(axis=0)
-    if less is not None:
-        gain -= ((less.T @ sample) ** 2).sum(axis=0)
-    rest = (sample**2).sum(axis=0) - ((full.T @ sample) ** 2).sum(axis=0)
-    return gain / np.maximum(rest, 1e-300)
+    def explained(columns: np.ndarray) -> np.ndarray:
+        return ((columns.T @ sample) ** 2).sum(axis=0)
+
+    rest = (sample**2).sum(axis=0) - explained(full) + scatter
+    return (explained(beside) - explained(less)) / np.maximum(rest, 1e-300)

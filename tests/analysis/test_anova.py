@@ -199,9 +199,15 @@ def test_every_row_that_is_left_out_is_counted_once():
 
 def test_rows_beyond_the_bound_are_counted(monkeypatch):
     monkeypatch.setattr("dldsim.analysis.anova.ROWS_MOST", 60)
-    table = anova(factorial(noisy(r=1)))
+    frame = factorial(noisy(r=1))
+    table = anova(frame)
     assert "21 of 81 rows left out: at most 60" in pick(table, "main_effects", "rows")["note"]
     assert pick(table, "main_effects", "residual")["df"] == 60 - 8
+    monkeypatch.setattr("dldsim.analysis.anova.ROWS_MOST", 170)  # two of each cell stay balanced
+    table = anova(pd.concat([frame.assign(replicate=i, migration_angle_deg=lambda t, i=i:
+                                          t["migration_angle_deg"] + i) for i in range(3)]))
+    assert "81 of 243 rows left out: at most 170" in pick(table, "main_effects", "rows")["note"]
+    assert pick(table, "main_effects", "pillar_radius_um")["p_permutation"] <= 0.01
 
 
 def test_many_levels_are_refused():
@@ -356,7 +362,7 @@ def test_without_a_p_by_permutation_the_reason_is_said(monkeypatch):
     assert "hold 57 of 73 rows" in why_no_p(anova(full.drop(range(0, 24, 3))))
     assert "5 are needed" in why_no_p(anova(factorial(noisy(r=1), gaps=(18,), radii=(6,))))
     monkeypatch.setattr("dldsim.analysis.permutation.VALUES", 81 * 50)
-    assert "81 rows allow 50 permutations" in why_no_p(anova(full))
+    assert "81 cells allow 50 permutations" in why_no_p(anova(full))
 
 
 def test_many_rows_get_fewer_permutations_and_say_so(monkeypatch):
@@ -365,6 +371,17 @@ def test_many_rows_get_fewer_permutations_and_say_so(monkeypatch):
     table = anova(full)
     assert pick(table, "main_effects", "pillar_radius_um")["p_permutation"] == 1 / 200
     assert "199 permutations instead of 999" in pick(table, "main_effects", "p_permutation")["note"]
+
+
+def test_repeats_that_agree_leave_p_as_it_is():
+    """Three equal rows for one: the same permutations, the same ratios."""
+    full = factorial(noisy(seed=3, r=0.05, d=0.3))
+    one = anova(full)
+    three = anova(pd.concat([full.assign(replicate=i) for i in range(3)]))
+    for model in ("main_effects", "hierarchical"):
+        p = [t[(t["model"] == model)].dropna(subset=["p_permutation"])["p_permutation"].tolist()
+             for t in (one, three)]
+        assert p[0] == p[1] and len(set(p[0])) > 2
 
 
 def test_repeats_are_permuted_with_their_cell():
