@@ -221,9 +221,14 @@ def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     from dldsim.analysis.calibration import stiffness_for
     from dldsim.app.design_jobs import packaged_campaign
     from dldsim.tables.parquet import read_table
+    from dldsim.tables.user_table import read_user_table
 
-    path = args.calibration or (args.results or packaged_campaign()) / "calibration.parquet"
-    found = stiffness_for(args.di, read_table("calibration", path), args.error, args.design)
+    if args.calibration:
+        table = read_user_table(args.calibration).frame
+    else:
+        path = (args.results or packaged_campaign()) / "calibration.parquet"
+        table = read_table("calibration", path)
+    found = stiffness_for(args.di, table, args.error, args.design)
     summary = {"deformation_index": args.di, "error": args.error} | found
     return summary, _listing(summary)
 
@@ -667,7 +672,8 @@ def _parser() -> argparse.ArgumentParser:
                          help="campaign whose calibration is taken; default: the campaign that "
                               "comes with the package")
     inverse.add_argument("--calibration", type=Path, metavar="FILE",
-                         help="calibration file, instead of the one in the results folder")
+                         help="calibration, CSV or Parquet, instead of the one in the results "
+                              "folder")
 
     wanted = _command(commands, "design", design, "geometries that separate two cell types best")
     for i in "12":

@@ -23,18 +23,21 @@ import pyarrow.parquet as pq
 
 from dldsim import PHYSICS_VERSION
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, METADATA_KEY
+from dldsim.tables.parquet import COLUMNS, METADATA_KEY, Column
 
 PLAUSIBLE = {
     "pillar_radius_um": (0.1, 1000), "gap_um": (0.1, 1000), "periodicity": (2, 100),
     "cell_radius_um": (0.1, 100), "deformation_index": (0, 1), "migration_angle_deg": (-90, 90),
-    "mean_velocity_mm_s": (1e-6, 1e4), "height_um": (0, 1e4),
+    "mean_velocity_mm_s": (1e-6, 1e4), "velocity_mm_s": (1e-6, 1e4), "height_um": (0, 1e4),
+    **dict.fromkeys(("ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "kag_uN_per_m", "kv_Pa"),
+                    (0, 1e9)),
 }  # fmt: skip
 """Least and largest value that a column can have."""
 WHOLE = ("periodicity",)
 KEYS = ("stiffness_set", "group", "outcome_id", "run_id")
 """Columns whose values name something."""
-MISSING = ("", "na", "n/a", "nan", "null", "none", "#n/a", "<na>")
+MISSING = ("na", "n/a", "nan", "null", "none", "#n/a", "<na>")
+"""What stands for nothing in columns that are no text, beside an empty field."""
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 HEADER_LINES = 20
 """The header is looked for among so many lines."""
@@ -49,6 +52,8 @@ for _columns in COLUMNS.values():
         _TYPES.setdefault(_column.name, set()).add(_column.type)
 NUMBERS = {n for n, types in _TYPES.items() if types <= {pa.float64(), pa.int64()}}
 """Columns of numbers, of any kind of table."""
+_WORDS = {n for n, types in _TYPES.items() if pa.string() in types} - set(KEYS)
+"""Columns of text, in which "none" is a word."""
 _COMMA = r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?"
 _THOUSANDS = r"[+-]?[1-9]\d{0,2}(,\d{3})+"
 _LENGTHS = {"m": 1e6, "mm": 1e3, "nm": 1e-3}
@@ -96,7 +101,7 @@ def _bytes(path: Path) -> bytes:
 
 def as_key(value: Any) -> str | None:
     """A name as text, whatever type it came as: 1, 1.0 and "1.0" are "1"; null is None."""
-    if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
+    if _is_null(value):
         return None
     if isinstance(value, float | np.floating) and float(value).is_integer():
         value = int(value)
@@ -146,8 +151,8 @@ def _number(value: Any) -> float:
 
 def _is_missing(value: Any) -> bool:
     if isinstance(value, str):
-        return value.strip().lower() in MISSING
-    return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value))
+        return value.strip().lower() in ("", *MISSING)
+    return _is_null(value)
 
 
 def need(frame: pd.DataFrame, names: Iterable[str], where: str) -> None:
@@ -192,6 +197,63 @@ def check_plausible(values: pd.Series, where: str) -> None:
                      if 1 <= middle * factor <= 200), hint)
     raise DldsimError(f"{where}, column {name}, row {row} below the header: {value:g}; allowed "
                       f"{allowed} (rows outside: {int(bad.sum())}). {hint}")
+
+
+def as_columns(kind: str, frame: pd.DataFrame, where: str) -> dict[str, Any]:
+    """The columns of a table of this package, in its types, from a user's table of that kind.
+
+    Raises DldsimError for missing, unknown and mistyped columns.
+    """
+    wanted = {c.name: c for c in COLUMNS[kind]}
+    missing = [n for n in wanted if n not in frame]
+    unknown = [str(n) for n in frame if n not in wanted]
+    if missing or unknown:
+        faults = [f"missing {', '.join(missing)}" * bool(missing),
+                  f"unknown {', '.join(unknown)}" * bool(unknown)]
+        likely = max(COLUMNS, key=lambda k: len({c.name for c in COLUMNS[k]} & set(frame.columns)))
+        hint = f" Most of its columns are those of a table of kind {likely}." * (likely != kind)
+        raise DldsimError(f"{where}: columns {' and '.join(filter(None, faults))}.{hint} Upload "
+                          f"the table {kind} that a campaign of this version wrote.")
+    return {name: _as_type(frame[name], column, where) for name, column in wanted.items()}
+
+
+def _as_type(values: pd.Series, column: Column, where: str) -> Any:
+    if pa.types.is_floating(column.type):
+        return as_numbers(values, where)
+    if pa.types.is_integer(column.type):
+        numbers = as_numbers(values, where)
+        odd = numbers.notna() & ~(numbers == np.round(numbers))
+        if odd.any():
+            raise DldsimError(f"{where}, column {values.name}, row {np.flatnonzero(odd)[0] + 1} "
+                              f"below the header: {numbers[odd].iloc[0]:g} is no whole number.")
+        return numbers.astype("Int64")
+    items = [None if _is_null(v) else v for v in values]
+    if pa.types.is_boolean(column.type):
+        flags = [_FLAGS.get(str(v).lower()) for v in items]
+        bad = [v for v, flag in zip(items, flags, strict=True) if v is not None and flag is None]
+        if bad:
+            raise DldsimError(f"{where}, column {values.name}: {str(bad[0])[:60]!r} is neither "
+                              "true nor false.")
+        return flags
+    if pa.types.is_list(column.type):
+        try:
+            return [json.loads(v) if isinstance(v, str) else v for v in items]
+        except ValueError as error:
+            raise DldsimError(f"{where}, column {values.name}: a list is written like [1.5, 2], "
+                              f"not {str(error)[:60]}.") from error
+    if values.name in KEYS:
+        items = as_keys(values).tolist()
+    elif not all(isinstance(v, str) or v is None for v in items):
+        bad = next(v for v in items if not isinstance(v, str) and v is not None)
+        raise DldsimError(f"{where}, column {values.name}: {str(bad)[:60]!r} is no text.")
+    return items if column.nullable else ["" if v is None else v for v in items]
+
+
+_FLAGS = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}
+
+
+def _is_null(value: Any) -> bool:
+    return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value))
 
 
 # --------------------------------------------------------------------------------------------- CSV
@@ -367,7 +429,8 @@ def _finished(frame: pd.DataFrame, notes: list[str], about: Mapping[str, Any], w
     for name in frame.columns:
         values = frame[name]
         if values.dtype == object or pd.api.types.is_string_dtype(values.dtype):
-            values = _cleaned(values.astype(object).where(values.notna(), None))
+            values = _cleaned(values.astype(object).where(values.notna(), None),
+                              () if name in _WORDS else MISSING)
         columns[name] = as_keys(values) if name in KEYS else values
     if separator is not None:
         empty = np.logical_and.reduce([v.isna() for v in columns.values()] or [False])
@@ -394,14 +457,13 @@ def _are_row_numbers(values: pd.Series) -> bool:
     return bool((found == np.arange(len(found)) + (found.iloc[0] == 1)).all())
 
 
-def _cleaned(values: pd.Series) -> pd.Series:
-    """Texts without blanks around them, None for MISSING."""
-    codes, unique = pd.factorize(values, use_na_sentinel=True) if all(
-        isinstance(v, str) or v is None for v in values[:100]) else (None, None)
-    if codes is None:
+def _cleaned(values: pd.Series, missing: Iterable[str]) -> pd.Series:
+    """Texts without blanks around them, None for empty ones and those in `missing`."""
+    if not all(isinstance(v, str) or v is None for v in values):
         return values
-    clean = [v if not isinstance(v, str) else None if _is_missing(v) else
-             v.replace("\N{NO-BREAK SPACE}", " ").strip() for v in unique]
+    codes, unique = pd.factorize(values, use_na_sentinel=True)
+    clean = [text if text and text.lower() not in missing else None for text in
+             (v.replace("\N{NO-BREAK SPACE}", " ").strip() for v in unique)]
     return pd.Series(np.array([*clean, None], dtype=object)[codes], values.index, dtype=object)
 
 

@@ -12,6 +12,7 @@ import pytest
 from dldsim import PHYSICS_VERSION
 from dldsim.app import cli
 from dldsim.tables.parquet import COLUMNS, describe, read_rows, write_table
+from dldsim.tables.user_table import read_user_table
 
 ROOT = Path(__file__).parents[2]
 ARRAY = ["--pillar-radius-um", "5", "--gap-um", "20", "--periodicity", "4"]
@@ -150,6 +151,11 @@ def test_stiffness_for_an_index_with_its_interval(capsys, tmp_path):
     code, found, _ = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration", path)
     assert code == 0 and found["ks_uN_per_m"] == pytest.approx(7.5)
     assert found["ks_uN_per_m_low"] < 7 < 8 < found["ks_uN_per_m_high"]
+    frame = read_user_table(path).frame
+    frame.to_csv(tmp_path / "mine.csv", index=False, sep=";", decimal=",")
+    again = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration",
+                 tmp_path / "mine.csv")
+    assert again[:2] == (0, found)
     code, _, message = call(capsys, "stiffness", "--di", 0.9, "--calibration", path)
     assert code == 2 and "0.5 to 0.7" in message
 

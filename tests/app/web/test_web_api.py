@@ -318,8 +318,8 @@ def broken_tables(campaign, tmp_path):  # noqa: F811
     stream = io.BytesIO()
     pq.write_table(old.replace_schema_metadata({b"dldsim": json.dumps(about)}), stream)
     return [
-        (b"", "neither"), (pickle.dumps(outcomes), "neither"), (raw[:400], "neither"),
-        (b"PK\x03\x04" + raw, "neither"),
+        (b"", "is empty"), (pickle.dumps(outcomes), "neither"),
+        (raw[:400], "not a readable Parquet"), (b"PK\x03\x04" + raw, "Excel"),
         ((text[0] + "\n").encode(), "no rows"),
         (b"a,b\n1,2\n", "missing outcome_id"),
         ("\n".join(line.partition(",")[2] for line in text).encode(), "missing outcome_id"),

@@ -29,6 +29,7 @@ from dldsim.app.web.api.data import (
     NotReady,
     Source,
     Unavailable,
+    check_sets,
     columns_of,
     read_upload,
     table_rows,
@@ -607,7 +608,8 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         stored = store.result(job.id, job.kind)
         return models.CampaignStatus(
             id=job.id, state=states.get(job.state, job.state), name=job.spec["name"],
-            origin=job.spec["origin"], rows=job.spec["rows"], created=_time(job.created),
+            origin=job.spec["origin"], rows=job.spec["rows"], found=job.spec.get("found", []),
+            created=_time(job.created),
             error=job.error, url=f"{PREFIX}/campaigns/{job.id}",
             **(json.loads(stored) if stored else {}))
 
@@ -618,9 +620,10 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
                           "it was deleted.")
         return job
 
-    def accept(name: str, origin: str, rows: int, parts: dict[str, bytes]) -> models.CampaignStatus:
+    def accept(name: str, origin: str, rows: int, parts: dict[str, bytes],
+               found: list[str] = ()) -> models.CampaignStatus:
         identifier = str(uuid.uuid4())
-        spec = {"name": name, "origin": origin, "rows": rows}
+        spec = {"name": name, "origin": origin, "rows": rows, "found": list(found)}
         service.add([(identifier, "campaign", SEARCH, "queued", spec)], parts=parts,
                     kept=settings.campaigns_max)
         return status(find(identifier))
@@ -638,9 +641,11 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         if not service.uploads.acquire(blocking=False):
             raise service.busy(SEARCH, "Two uploads are being read already.")
         try:
-            parts = {kind: read_upload(kind, file.file.read(), settings.upload_rows_max)
-                     for kind, file in (("outcomes", outcomes), ("calibration", calibration),
-                                        ("flows", flows)) if file is not None}
+            uploads = {kind: read_upload(kind, file.file.read(), settings.upload_rows_max)
+                       for kind, file in (("outcomes", outcomes), ("calibration", calibration),
+                                          ("flows", flows)) if file is not None}
+            parts = {kind: upload.content for kind, upload in uploads.items()}
+            check_sets(parts)
         except DldsimError as error:
             message = _ascii(str(error))
             others = (k for k in ("calibration", "flows") if f"table {k}" in message)
@@ -649,12 +654,9 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
                 models.FieldProblem(field=field, value="", message=message)]) from error
         finally:
             service.uploads.release()
-        import io
-
-        import pyarrow.parquet
-
-        rows = pyarrow.parquet.ParquetFile(io.BytesIO(parts["outcomes"])).metadata.num_rows
-        return accept(_ascii(name), "uploaded", rows, parts)
+        found = [_ascii(f"{kind}: {note}") for kind, upload in uploads.items()
+                 for note in upload.found]
+        return accept(_ascii(name), "uploaded", uploads["outcomes"].rows, parts, found)
 
     @app.post(f"{PREFIX}/measurements", status_code=202, response_model=models.CampaignStatus,
               responses=_problems(404, 409, 429), tags=["campaign"])
