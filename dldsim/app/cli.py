@@ -261,6 +261,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         written = design_jobs.write_designs(made, known, output, verdicts)
         files = list(dict.fromkeys([*map(str, written), *files]))
     summary = {
+        "holds_for": design_jobs.holds_for(known.settings),
         "request": resolved.model_dump(), "designs": _records(found.designs),
         "tolerances": _records(found.tolerances), "importance": _records(found.importance),
         "trials": len(found.trials), "seed": args.seed,
@@ -502,7 +503,7 @@ def _design_lines(summary: Mapping) -> list[str]:
     """What a search and its verification found, to be read."""
     request, designs = summary["request"], summary["designs"]
     data, scores = summary["surrogate"]["data"], summary["surrogate"]["scores_by_geometry"]
-    lines = [
+    lines = [f"for a {summary['holds_for']}"] + [
         f"cell {i}: deformation index {request[f'deformation_index_{i}']:.4g} ± "
         f"{request[f'deformation_index_std_{i}']:.2g}, radius {request[f'radius_{i}_um']:g} µm"
         for i in "12"
@@ -735,8 +736,9 @@ def _parser() -> argparse.ArgumentParser:
     service.add_argument("--port", type=int, metavar="N", help="of the API; default 8000")
     service.add_argument("--page-port", type=int, default=8501, metavar="N",
                          help="default %(default)s")
-    service.add_argument("--api", default="http://127.0.0.1:8000", metavar="URL",
-                         help="API that a page alone asks; default %(default)s")
+    service.add_argument("--api", metavar="URL",
+                         help="API that a page alone asks; default DLDSIM_WEB_API, or "
+                              "http://127.0.0.1:8000")
     service.add_argument("--workers", type=int, metavar="N",
                          help="processes that search; default 1")
     service.add_argument("--verify-workers", type=int, metavar="N",

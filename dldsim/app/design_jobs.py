@@ -246,6 +246,17 @@ def make_campaign(
     return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
 
 
+SHAPES = {"biconcave": "biconcave disc"}
+
+
+def holds_for(settings: Mapping[str, Any]) -> str:
+    """The cell and the channel that a campaign was simulated with, and its answers hold for."""
+    cell, flow = settings["cell"], settings["flow"]
+    return (f"{SHAPES.get(cell['shape'], cell['shape'])} of radius {cell['radius_um']:g} µm "
+            f"(others by similarity), channel height {flow['height_um']:g} µm, mean velocity "
+            f"{flow['mean_velocity_mm_s']:g} mm/s")
+
+
 MEASURED = "measured"
 """Status of a row that was measured on a fabricated device."""
 
@@ -269,8 +280,8 @@ def with_measurements(
         if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
             raise DldsimError(
                 f"Measurements: {name} = {value:g}, the outcomes have "
-                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: measure "
-                "there, or simulate a campaign at this value."
+                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: leave "
+                "these measurements out, or choose a campaign at this value."
             )
     rows = []
     for i, given in enumerate(measurements, start=1):

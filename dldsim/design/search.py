@@ -510,8 +510,8 @@ def check(task: Task) -> None:
         if index is None or not low <= index <= high:
             raise DldsimError(
                 f"{name}: deformation_index_{i} = {index} is outside the training data of the "
-                f"surrogate, {low:.4g} to {high:.4g}. Choose one inside, or simulate stiffness "
-                "sets beyond it."
+                f"surrogate, {low:.4g} to {high:.4g}. Choose one inside, or a campaign "
+                "that reaches it."
             )
     if task.cells[0] == task.cells[1]:
         index, radius = task.cells[0]
@@ -536,8 +536,7 @@ def check(task: Task) -> None:
     if request.pressure_max_kPa is not None and chip.resistance is None:
         raise DldsimError(
             f"{name}: pressure_max_kPa needs the flows without a cell of the campaign "
-            "(flows.parquet) to know the pressure drop. Make them with `snakemake -j2 flows`, or "
-            "leave the limit out."
+            "(flows.parquet) to know the pressure drop, which it came without. Leave the limit out."
         )
 
 

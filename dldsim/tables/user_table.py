@@ -298,8 +298,8 @@ def _decoded(content: bytes, where: str) -> tuple[str, list[str]]:
         text = content.decode(encoding)
     except UnicodeDecodeError:
         if encoding.startswith("utf-16"):
-            raise DldsimError(f"{where} begins like UTF-16 text and is none. Save it as CSV in "
-                              "UTF-8.") from None
+            raise DldsimError(f"{where} is neither text nor Parquet, though it begins like "
+                              "UTF-16. Save the table as CSV in UTF-8.") from None
         encoding = "cp1252"
         text = content.decode(encoding, errors="replace")
     if "\x00" in text:

@@ -197,7 +197,8 @@ def _provenance(known: design_jobs.Campaign, campaign: str | None, name: str, or
                         "when their rows were spent.")
     return Provenance(
         dldsim_version=__version__, physics_version=PHYSICS_VERSION, campaign=campaign,
-        campaign_name=name, origin=origin, outcomes=card["data"]["outcomes"],
+        campaign_name=name, origin=origin, holds_for=design_jobs.holds_for(known.settings),
+        outcomes=card["data"]["outcomes"],
         used=card["data"]["used"], measured=measured, geometries=card["data"]["geometries"],
         outcomes_sha256=card["data"]["sha256"], model_sha256=card.get("model_sha256", ""),
         fitted_by=card["versions"], scores_by_geometry=card["scores_by_geometry"],

@@ -238,6 +238,7 @@ class Provenance(Answer):
     campaign: str | None = Field(description="id of an uploaded campaign; null: the service's own")
     campaign_name: str = Field(description="in words, to be shown")
     origin: Literal["tracked", "uploaded", "measurements"]
+    holds_for: str = Field("", description="shape of the cells, height and velocity, to be shown")
     outcomes: int = Field(description="rows of the table of outcomes")
     used: int = Field(description="of which learnt from")
     measured: int = Field(0, description="of which measured on fabricated devices, not simulated")
