@@ -109,8 +109,8 @@ def join_deformation_index(outcomes: pd.DataFrame, calibration: pd.DataFrame) ->
         raise DldsimError(
             "Calibration: no constriction group calibrates stiffness set "
             f"{', '.join(name or '(none named)' for name in missing)} "
-            f"(calibrated: {', '.join(sorted(names)) or 'none'}). Add a group with that "
-            "stiffness_set to constriction_groups."
+            f"(calibrated: {', '.join(sorted(names)) or 'none'}). Name one of "
+            "these, or calibrate the set (constriction_groups of a campaign)."
         )
     by_set = named.set_index(names)
     return outcomes.assign(

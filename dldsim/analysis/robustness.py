@@ -10,7 +10,7 @@ ROBUST_SHARE = 0.15
 
 
 def robustness(frame: pd.DataFrame) -> pd.DataFrame:
-    """Stability score of each geometry [deg²], a table of kind `robustness`.
+    """Robustness score of each geometry [deg²], a table of kind `robustness`.
 
     S is the mean squared difference of the migration angle to the neighbours (source paper's
     stability mapping). A neighbour has the nearest lower or higher value of one parameter that is
@@ -44,14 +44,14 @@ def robustness(frame: pd.DataFrame) -> pd.DataFrame:
             "pillar_radius_um": geometry.iloc[0], "gap_um": geometry.iloc[1],
             "periodicity": int(geometry.iloc[2]),
             "mean_migration_angle_deg": np.nanmean(values[i]),
-            "stability_score_deg2": np.mean(steps**2) if steps.size else np.nan,
+            "robustness_score_deg2": np.mean(steps**2) if steps.size else np.nan,
             "neighbours": steps.size,
             "modes": modes.get(tuple(geometry), ""),
         })
     table = pd.DataFrame(rows)
-    scores = table["stability_score_deg2"].dropna().sort_values()
+    scores = table["robustness_score_deg2"].dropna().sort_values()
     kept = max(1, round(ROBUST_SHARE * len(scores)))
-    robust = table["stability_score_deg2"] <= (scores.iloc[kept - 1] if len(scores) else -np.inf)
+    robust = table["robustness_score_deg2"] <= (scores.iloc[kept - 1] if len(scores) else -np.inf)
     table.insert(6, "robust", robust)
     return table
 
@@ -62,7 +62,7 @@ def most_frequent(table: pd.DataFrame) -> pd.DataFrame:
     Columns: parameter, value, count, and `expected`, the count in a random choice of as many scored
     geometries. Ordered by parameter, most frequent first.
     """
-    scored = table[table["stability_score_deg2"].notna()]
+    scored = table[table["robustness_score_deg2"].notna()]
     robust = scored[scored["robust"].astype(bool)]
     rows = []
     for name in GEOMETRY:

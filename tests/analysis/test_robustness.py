@@ -10,11 +10,11 @@ from dldsim.errors import DldsimError
 from tests.analysis.test_anova import DI, factorial, noisy
 
 
-def test_stability_score_by_hand():
+def test_robustness_score_by_hand():
     """Three gaps in a line: angles 1, 3, 6; S = 4, (4 + 9)/2, 9."""
     frame = factorial(lambda r, g, n, d: {18: 1, 20: 3, 22: 6}[g] + d, radii=(6,), rows=(4,))
     table = robustness(frame.assign(mode="bump")).set_index("gap_um")
-    assert table["stability_score_deg2"].to_dict() == pytest.approx({18: 4, 20: 6.5, 22: 9})
+    assert table["robustness_score_deg2"].to_dict() == pytest.approx({18: 4, 20: 6.5, 22: 9})
     assert table["neighbours"].to_dict() == {18: 1, 20: 2, 22: 1}
     assert table["robust"].to_dict() == {18: True, 20: False, 22: False}
     assert table["mean_migration_angle_deg"][18] == pytest.approx(1 + np.mean(list(DI.values())))
@@ -26,8 +26,8 @@ def test_neighbours_of_a_full_grid():
     assert table.loc[(8, 20, 6), "neighbours"] == 6
     assert table.loc[(6, 18, 4), "neighbours"] == 3
     # steps of 2 in r, 20 in g, 0 in n
-    assert table.loc[(8, 20, 6), "stability_score_deg2"] == pytest.approx((4 + 400) * 2 / 6)
-    assert table.loc[(6, 18, 4), "stability_score_deg2"] == pytest.approx((4 + 400) / 3)
+    assert table.loc[(8, 20, 6), "robustness_score_deg2"] == pytest.approx((4 + 400) * 2 / 6)
+    assert table.loc[(6, 18, 4), "robustness_score_deg2"] == pytest.approx((4 + 400) / 3)
 
 
 def test_tied_gap_and_radius_move_together():
@@ -35,7 +35,7 @@ def test_tied_gap_and_radius_move_together():
     table = robustness(frame[frame["gap_um"] == frame["pillar_radius_um"] + 10])
     assert len(table) == 9
     middle = table.set_index(GEOMETRY).loc[(8, 18, 6)]
-    assert middle["neighbours"] == 4 and middle["stability_score_deg2"] == pytest.approx(2.0)
+    assert middle["neighbours"] == 4 and middle["robustness_score_deg2"] == pytest.approx(2.0)
 
 
 def test_geometry_without_neighbour_has_no_score():
@@ -45,21 +45,21 @@ def test_geometry_without_neighbour_has_no_score():
           "deformation_index": 0.5, "migration_angle_deg": 1.0}]
     )
     row = robustness(pd.concat([frame, alone])).iloc[-1]
-    assert row["neighbours"] == 0 and np.isnan(row["stability_score_deg2"]) and not row["robust"]
+    assert row["neighbours"] == 0 and np.isnan(row["robustness_score_deg2"]) and not row["robust"]
 
 
 def test_a_failed_run_is_not_sensitivity():
     frame = factorial(lambda r, g, n, d: 10 * d, radii=(6,), rows=(4,))
     frame.loc[0, "migration_angle_deg"] = np.nan
-    assert robustness(frame)["stability_score_deg2"].max() == pytest.approx(0)
+    assert robustness(frame)["robustness_score_deg2"].max() == pytest.approx(0)
 
 
 def test_robust_share():
     rng = np.random.default_rng(0)
     table = robustness(factorial(lambda r, g, n, d: rng.normal()))
     assert table["robust"].sum() == 4
-    worst = table.loc[table["robust"], "stability_score_deg2"].max()
-    assert (table.loc[~table["robust"], "stability_score_deg2"] > worst).all()
+    worst = table.loc[table["robust"], "robustness_score_deg2"].max()
+    assert (table.loc[~table["robust"], "robustness_score_deg2"] > worst).all()
 
 
 def test_robustness_needs_angles():
@@ -72,7 +72,7 @@ def test_robustness_needs_angles():
 def test_most_frequent_values_of_the_stable_arrays():
     table = pd.DataFrame({
         "pillar_radius_um": [6, 6, 8, 8], "gap_um": 20.0, "periodicity": [4, 5, 4, 5],
-        "stability_score_deg2": [1.0, 2.0, 3.0, np.nan], "robust": [True, True, False, False]})
+        "robustness_score_deg2": [1.0, 2.0, 3.0, np.nan], "robust": [True, True, False, False]})
     found = most_frequent(table).set_index(["parameter", "value"])
     assert found.loc[("pillar_radius_um", 6.0), "count"] == 2
     assert found.loc[("pillar_radius_um", 6.0), "expected"] == pytest.approx(4 / 3)

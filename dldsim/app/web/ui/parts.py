@@ -155,7 +155,7 @@ def chart(figure: go.Figure, key: str, alt: str) -> None:
 
 def metrics(values: Iterable[tuple[str, str]]) -> None:
     """Headline figures, each as wide as it is; they wrap and are never cut."""
-    with st.container(horizontal=True, gap="large"):
+    with st.container(horizontal=True, gap="small"):
         for label, value in values:
             st.metric(label, value, width="content")
 
