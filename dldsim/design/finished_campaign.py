@@ -160,8 +160,8 @@ def with_measurements(
         if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
             raise DldsimError(
                 f"Measurements: {name} = {value:g}, the outcomes have "
-                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: measure "
-                "there, or simulate a campaign at this value."
+                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: leave "
+                "these measurements out, or choose a campaign at this value."
             )
     rows = []
     for i, given in enumerate(measurements, start=1):

@@ -181,8 +181,8 @@ def check(task: Task) -> None:
         if index is None or not low <= index <= high:
             raise DldsimError(
                 f"{name}: deformation_index_{i} = {index} is outside the training data of the "
-                f"surrogate, {low:.4g} to {high:.4g}. Choose one inside, or simulate stiffness "
-                "sets beyond it."
+                f"surrogate, {low:.4g} to {high:.4g}. Choose one inside, or a campaign "
+                "that reaches it."
             )
     if task.cells[0] == task.cells[1]:
         index, radius = task.cells[0]
@@ -208,7 +208,7 @@ def check(task: Task) -> None:
         raise DldsimError(
             f"{name}: pressure_max_kPa = {request.pressure_max_kPa:g} needs the flows without a "
             "cell of the campaign (flows.parquet) to know the pressure drop, and "
-            f"{chip.no_resistance}. Make them with `snakemake -j2 flows`, or leave the limit out."
+            f"{chip.no_resistance}. Leave the limit out."
         )
 
 

@@ -7,7 +7,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from dldsim.analysis.statistics import GEOMETRY
+from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.report.angle_figures import AXIS_LABEL
 from dldsim.report.style import key, legend, multiples, ordered, styled
 
@@ -90,10 +90,10 @@ def _grid_map(panel, here: pd.DataFrame, values, text, colour_of) -> None:
 
 @styled
 def draw_robustness(robustness: pd.DataFrame) -> Figure:
-    """Stability score over gap and N_p, a panel per P_r; a frame marks the most stable 15 %."""
+    """Robustness score over gap and N_p, a panel per P_r; a frame marks the most robust 15 %."""
     radii = ordered(robustness["pillar_radius_um"])
     figure, panels = multiples(len(radii), 3, 9.2, 3.2)
-    scores = robustness["stability_score_deg2"].dropna()
+    scores = robustness["robustness_score_deg2"].dropna()
     low, high = scores.min(), scores.max()
     wide = low > 0 and high / low > 30
     norm = (LogNorm if wide else Normalize)(low, high)
@@ -101,7 +101,7 @@ def draw_robustness(robustness: pd.DataFrame) -> Figure:
     for panel, radius in zip(panels, radii, strict=True):
         here = robustness[robustness["pillar_radius_um"] == radius]
         angles = ["–" if pd.isna(a) else f"{a:.1f}°" for a in here["mean_migration_angle_deg"]]
-        _grid_map(panel, here, here["stability_score_deg2"], angles, lambda v: colours(norm(v)))
+        _grid_map(panel, here, here["robustness_score_deg2"], angles, lambda v: colours(norm(v)))
         gaps, periods = ordered(here["gap_um"]), ordered(here["periodicity"])
         for _, row in here[here["robust"].astype(bool)].iterrows():
             corner = (gaps.index(row["gap_um"]) - 0.46, periods.index(row["periodicity"]) - 0.46)
@@ -109,7 +109,7 @@ def draw_robustness(robustness: pd.DataFrame) -> Figure:
                                       linewidth=2.4))
         panel.set_title(f"$P_r$ = {radius:g} µm")
     scale = matplotlib.cm.ScalarMappable(norm, colours)
-    figure.colorbar(scale, ax=panels, label="stability score [deg²], low is stable", shrink=0.9)
+    figure.colorbar(scale, ax=panels, label="robustness score [deg²], low is robust", shrink=0.9)
     return figure
 
 

@@ -379,10 +379,10 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         *_GEOMETRY,
         *_nullable(
             _real("mean_migration_angle_deg", "°", "mean over the stiffness sets"),
-            _real("stability_score_deg2", "deg²", "mean squared difference to the neighbours"),
+            _real("robustness_score_deg2", "deg²", "mean squared difference to the neighbours"),
         ),
         _count("neighbours", "geometries that differ in one parameter by one level"),
-        _flag("robust", "among the most stable 15 %"),
+        _flag("robust", "among the most robust 15 %"),
         _text("modes", "modes seen"),
     ),
     "benchmark": (

@@ -16,6 +16,7 @@ from dldsim.app import cli
 from dldsim.app.commands import output
 from dldsim.experiments.vtk import read_vtkhdf
 from dldsim.tables.parquet import COLUMNS, describe, read_rows, read_table, write_table
+from dldsim.tables.user_table import read_user_table
 
 ROOT = Path(__file__).parents[2]
 [COMMANDS] = [action.choices for action in cli.make_parser()._actions
@@ -112,7 +113,7 @@ def test_examples_parse(command):
         (["flow", "--gap-um", "20"], ["required", "--pillar-radius-um"]),
         (["constrict", "--group", "G8"], ["--group G8", "G1", "G7"]),
         (["anova", "no.csv"], ["no.csv", "does not exist"]),
-        (["anova", "table.txt"], ["table.txt", ".csv or .parquet"]),
+        (["anova", "table.txt"], ["table.txt", "does not exist"]),
         (["info", "no.parquet"], ["no.parquet", "does not exist"]),
         (["design", "--di1", "0.5"], ["--di2"]),
         (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
@@ -221,7 +222,7 @@ def test_run_with_releases_writes_an_outcome(capsys, tmp_path):
 def test_anova_refuses_a_table_of_another_physics_version(capsys, tmp_path, monkeypatch):
     path = tmp_path / "outcomes.parquet"
     write_table("outcomes", [], path, {})
-    monkeypatch.setattr("dldsim.app.commands.tables.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    monkeypatch.setattr("dldsim.tables.user_table.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     code, _, message = call(capsys, "anova", path)
     assert code == 2 and f"made by physics version {PHYSICS_VERSION}" in message
 
@@ -245,6 +246,11 @@ def test_stiffness_for_an_index_with_its_interval(capsys, tmp_path):
     code, found, _ = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration", path)
     assert code == 0 and found["ks_uN_per_m"] == pytest.approx(7.5)
     assert found["ks_uN_per_m_low"] < 7 < 8 < found["ks_uN_per_m_high"]
+    frame = read_user_table(path).frame
+    frame.to_csv(tmp_path / "mine.csv", index=False, sep=";", decimal=",")
+    again = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration",
+                 tmp_path / "mine.csv")
+    assert again[:2] == (0, found)
     code, _, message = call(capsys, "stiffness", "--di", 0.9, "--calibration", path)
     assert code == 2 and "0.5 to 0.7" in message
 
@@ -266,6 +272,30 @@ def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
     assert call(capsys, "anova", tmp_path / "table.csv", "--seed", 2**64 - 1)[0] == 0
     effects = {r["term"]: r["p_value"] for r in summary["rows"] if r["model"] == "main_effects"}
     assert effects["pillar_radius_um"] < 1e-6 < effects["gap_um"]
+
+
+@pytest.mark.parametrize(("name", "found"), [
+    ("anova_excel_semicolon_decimal_comma.csv", "decimal commas"),
+    ("anova_r_factors_dictionary.parquet", "dictionary"),
+    ("anova_inf_angle.csv", ""), ("anova_missing_stiffness_set_3_rows.csv", ""),
+])  # fmt: skip
+def test_anova_reads_the_tables_of_strangers_and_counts_rows(name, found, capsys):
+    path = ROOT / "tests" / "data" / "user_tables" / name
+    code, summary, _ = call(capsys, "anova", path)
+    assert code == 0 and any(found in note for note in summary["found"]) or not found
+    notes = {row["note"] for row in summary["rows"] if row["term"] == "rows"}
+    left_out = {"anova_inf_angle.csv": {"1 of 12 rows left out: infinite migration_angle_deg"},
+                "anova_missing_stiffness_set_3_rows.csv":
+                    {"3 of 12 rows left out: no stiffness_set"}}
+    assert notes == left_out.get(name, set())
+
+
+def test_indices_fail_alone_and_say_why(capsys, tmp_path):
+    table = pd.read_csv(ROOT / "tests" / "data" / "user_tables" / "ANOVA_EXPORT.CSV")
+    table.assign(cell_radius_um="7.5 um").to_csv(tmp_path / "table.csv", index=False)
+    code, summary, _ = call(capsys, "anova", tmp_path / "table.csv")
+    assert code == 0 and summary["rows"] and summary["sobol"] == []
+    assert "'7.5 um' is no number" in summary["sobol_refused"]
 
 
 def test_info_describes_a_table(capsys, tmp_path):

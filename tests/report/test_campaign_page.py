@@ -237,7 +237,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
         "migration_angle_deg"].mean().reset_index()  # fmt: skip
     tables["robustness"] = mean.rename(
         columns={"migration_angle_deg": "mean_migration_angle_deg"}
-    ).assign(stability_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)), neighbours=3,
+    ).assign(robustness_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)), neighbours=3,
              robust=lambda t: np.arange(len(t)) == 1, modes="bump 2, zigzag 1")  # fmt: skip
     learnt = style.measured(tables["outcomes"])
     errors = {"XGBoost": 0.3, "Random forest": 0.5, "Linear": 1.6}

@@ -1,6 +1,6 @@
 """Outcomes in, analysis of variance and its diagnostics out."""
 
-from dldsim.analysis.statistics import analyse
+from dldsim.analysis.anova import analyse
 from dldsim.app.jobs import job_log
 from dldsim.config.campaign import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table

@@ -117,7 +117,11 @@ def records(frame) -> list[dict]:
 
 def frame_lines(frame) -> list[str]:
     """A table without its notes, and each different note below."""
-    notes = frame["note"].unique() if "note" in frame else []
+    notes: dict[str, list[str]] = {}
+    if "note" in frame:
+        for _, row in frame[frame["note"] != ""].iterrows():
+            notes.setdefault(row["note"], []).append(row["term"])
     numbers = frame.drop(columns="note", errors="ignore")
     lines = numbers.to_string(index=False, na_rep="", float_format="{:.4g}".format).splitlines()
-    return lines + [f"note: {note}" for note in notes if note]
+    return lines + [f"note on {', '.join(dict.fromkeys(terms))}: {note}"
+                    for note, terms in notes.items()]

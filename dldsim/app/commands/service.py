@@ -44,8 +44,9 @@ def add_serve(commands) -> None:
     parser.add_argument("--port", type=int, metavar="N", help="of the API; default 8000")
     parser.add_argument("--page-port", type=int, default=8501, metavar="N",
                         help="default %(default)s")
-    parser.add_argument("--api", default="http://127.0.0.1:8000", metavar="URL",
-                        help="API that a page alone asks; default %(default)s")
+    parser.add_argument("--api", metavar="URL",
+                        help="API that a page alone asks; default DLDSIM_WEB_API, or "
+                              "http://127.0.0.1:8000")
     parser.add_argument("--workers", type=int, metavar="N",
                         help="processes that search; default 1")
     parser.add_argument("--verify-workers", type=int, metavar="N",

@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from dldsim import PHYSICS_VERSION
 from dldsim.app.commands.options import add_command, number, seed
 from dldsim.app.commands.output import frame_lines, listing, records
 from dldsim.errors import DldsimError
@@ -12,25 +11,26 @@ from dldsim.errors import DldsimError
 
 def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Analysis of variance of anybody's table of outcomes."""
-    from dldsim.analysis.statistics import analyse
+    from dldsim.analysis.anova import analyse
+    from dldsim.analysis.sensitivity import sobol_of_table
     from dldsim.config.campaign import derive_seed
+    from dldsim.tables.user_table import read_user_table
 
-    frame = _read_any(args.table)
+    frame, found, _ = read_user_table(args.table)
     result, residuals = analyse(frame, derive_seed(args.seed, "anova"))
-    summary = {"table": str(args.table), "rows": records(result),
-               "diagnostics": records(residuals), "sobol": []}
-    lines = ["Type II analysis of variance of migration_angle_deg", *frame_lines(result), "",
+    summary = {"table": str(args.table), "found": found, "rows": records(result),
+               "diagnostics": records(residuals), "sobol": [], "sobol_notes": []}
+    lines = [*(f"{args.table}: {note}" for note in found),
+             "Type II analysis of variance of migration_angle_deg", *frame_lines(result), "",
              "Residuals of the models", *frame_lines(residuals), "",
              "Sobol indices of a surrogate fitted to the table"]
-    from dldsim.analysis.sensitivity import sobol_of_table
-
     try:
-        indices = sobol_of_table(frame, derive_seed(args.seed, "sensitivity"))
+        indices, notes = sobol_of_table(frame, derive_seed(args.seed, "sensitivity"))
     except DldsimError as error:
         summary["sobol_refused"] = str(error)
         return summary, [*lines, f"none: {error}"]
-    summary["sobol"] = records(indices)
-    return summary, [*lines, *frame_lines(indices)]
+    summary |= {"sobol": records(indices), "sobol_notes": notes}
+    return summary, [*lines, *frame_lines(indices), *(f"note: {note}" for note in notes)]
 
 
 def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -38,9 +38,14 @@ def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     from dldsim.analysis.calibration import stiffness_for
     from dldsim.design.finished_campaign import packaged_campaign
     from dldsim.tables.parquet import read_table
+    from dldsim.tables.user_table import read_user_table
 
-    path = args.calibration or (args.results or packaged_campaign()) / "calibration.parquet"
-    found = stiffness_for(args.di, read_table("calibration", path), args.error, args.design)
+    if args.calibration:
+        table = read_user_table(args.calibration).frame
+    else:
+        path = (args.results or packaged_campaign()) / "calibration.parquet"
+        table = read_table("calibration", path)
+    found = stiffness_for(args.di, table, args.error, args.design)
     summary = {"deformation_index": args.di, "error": args.error} | found
     return summary, listing(summary)
 
@@ -61,37 +66,6 @@ def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     return about, lines
 
 
-def _read_any(path: Path):
-    """A CSV or Parquet table of any origin as a DataFrame."""
-    import pandas as pd
-
-    readers = {".csv": pd.read_csv, ".parquet": pd.read_parquet}
-    if path.suffix not in readers:
-        raise DldsimError(f"{path}: a table must be a .csv or .parquet file.")
-    _check_physics(path)
-    try:
-        return readers[path.suffix](path)
-    except FileNotFoundError as error:
-        raise DldsimError(f"{path} does not exist.") from error
-    except Exception as error:
-        raise DldsimError(f"{path} is not a readable {path.suffix[1:]} file: {error}") from error
-
-
-def _check_physics(path: Path) -> None:
-    """Refuse a Parquet table that another physics version of this package wrote."""
-    from dldsim.tables.parquet import describe
-
-    try:
-        version = describe(path)["provenance"]["physics_version"]
-    except DldsimError:  # not a table of this package, or no Parquet at all
-        return
-    if version != PHYSICS_VERSION:
-        raise DldsimError(
-            f"{path} was made by physics version {version}; this is version {PHYSICS_VERSION}, "
-            "whose angles differ. Simulate the campaign anew: snakemake -j2 all."
-        )
-
-
 def add_anova(commands) -> None:
     """The command `anova`."""
     parser = add_command(
@@ -100,8 +74,8 @@ def add_anova(commands) -> None:
     )  # fmt: skip
     parser.add_argument("table", type=Path, metavar="TABLE",
                         help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
-                             "periodicity, stiffness_set, deformation_index and "
-                             "migration_angle_deg")
+                             "periodicity, deformation_index and migration_angle_deg, and "
+                             "stiffness_set if there are sets")
 
     parser.add_argument("--seed", type=seed, default=1, metavar="N",
                         help="of permutations and surrogate; default %(default)s")
@@ -125,7 +99,8 @@ def add_stiffness(commands) -> None:
                         help="campaign whose calibration is taken; default: the campaign that "
                              "comes with the package")
     parser.add_argument("--calibration", type=Path, metavar="FILE",
-                        help="calibration file, instead of the one in the results folder")
+                        help="calibration, CSV or Parquet, instead of the one in the results "
+                             "folder")
 
 
 def add_info(commands) -> None:

@@ -1,6 +1,6 @@
 """Migration modes: row maps near the transition, and the law for rigid spheres."""
 
-from dldsim.analysis.statistics import GEOMETRY
+from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.report import angle_figures, trajectory_figures
 from dldsim.report.page import Page, Picture
 from dldsim.report.style import measured

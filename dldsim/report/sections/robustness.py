@@ -1,8 +1,9 @@
-"""Robust arrays: the source's stability score, and what a fabrication error does."""
+"""Robust arrays: the source's robustness score, and what a fabrication error does."""
 
 from markupsafe import Markup
 
-from dldsim.analysis.statistics import GEOMETRY, most_frequent
+from dldsim.analysis.design_matrix import GEOMETRY
+from dldsim.analysis.robustness import most_frequent
 from dldsim.report import statistics_figures
 from dldsim.report.formats import (
     ANGLE,
@@ -22,9 +23,9 @@ SURE = 0.05
 
 def contents(page: Page) -> dict:
     table = page["robustness"]
-    if not table["stability_score_deg2"].notna().any():
+    if not table["robustness_score_deg2"].notna().any():
         return {"scored": False}
-    best = table[table["robust"].astype(bool)].sort_values("stability_score_deg2")
+    best = table[table["robust"].astype(bool)].sort_values("robustness_score_deg2")
     frequent = most_frequent(table)
     return {
         "scored": True,
@@ -35,12 +36,12 @@ def contents(page: Page) -> dict:
             Markup("{} [µm]").format(GAP): numbers(best["gap_um"]),
             PERIODICITY: numbers(best["periodicity"]),
             Markup("mean {} [°]").format(ANGLE): decimals(best["mean_migration_angle_deg"]),
-            "score [deg²]": numbers(best["stability_score_deg2"]),
+            "score [deg²]": numbers(best["robustness_score_deg2"]),
             "neighbours": numbers(best["neighbours"]), "modes": texts(best["modes"]),
         }, ["robustness"]),
         "frequent": page.table({
             "parameter": map(term, frequent["parameter"]), "value": numbers(frequent["value"]),
-            "among the most stable": numbers(frequent["count"]),
+            "among the most robust": numbers(frequent["count"]),
             "expected of a random choice": decimals(frequent["expected"], 1),
         }, ["robustness"]),
         **_fabrication(page),

@@ -325,8 +325,8 @@ def broken_tables(campaign, tmp_path):  # noqa: F811
     stream = io.BytesIO()
     pq.write_table(old.replace_schema_metadata({b"dldsim": json.dumps(about)}), stream)
     return [
-        (b"", "neither"), (pickle.dumps(outcomes), "neither"), (raw[:400], "neither"),
-        (b"PK\x03\x04" + raw, "neither"),
+        (b"", "is empty"), (pickle.dumps(outcomes), "neither"),
+        (raw[:400], "not a readable Parquet"), (b"PK\x03\x04" + raw, "Excel"),
         ((text[0] + "\n").encode(), "no rows"),
         (b"a,b\n1,2\n", "missing outcome_id"),
         ("\n".join(line.partition(",")[2] for line in text).encode(), "missing outcome_id"),
@@ -454,6 +454,53 @@ def test_other_pages_are_kept_out(idle, campaign, tmp_path):  # noqa: F811
                                           cors_origins=("https://elsewhere.example",))))
     answer = opened.get(f"{PREFIX}/health", headers=head)
     assert answer.headers["access-control-allow-origin"] == "https://elsewhere.example"
+
+
+def test_behind_a_prefix_documents_and_addresses_know_it(campaign, tmp_path):  # noqa: F811
+    for strips in (True, False):  # proxies do either
+        settings = Settings(results=campaign, state=tmp_path / str(strips), body_max_bytes=1024,
+                            root_path="/lab/dldsim/")
+        app = make_app(settings)
+        app.state.service.pool.problems = list
+        outside = TestClient(app, raise_server_exceptions=False)
+        base = "" if strips else "/lab/dldsim"
+        assert "'/lab/dldsim/openapi.json'" in outside.get(f"{base}/docs").text
+        schema = outside.get(f"{base}/openapi.json").json()
+        assert schema["servers"] == [{"url": "/lab/dldsim"}]
+        accepted = outside.post(f"{base}{PREFIX}/designs", json=ASK).json()
+        assert accepted["url"].startswith("/lab/dldsim/api/v1/designs/")
+        assert outside.get(base + accepted["url"].removeprefix("/lab/dldsim")).status_code == 200
+        large = outside.post(f"{base}{PREFIX}/campaigns", files={"outcomes": b"a,b\n" * 1000})
+        assert large.status_code == 422, large.text
+        told = outside.post(f"{base}{PREFIX}/predict", json=PLACE | {"gap_um": "wide"})
+        assert "number ≥ 0.1" in told.json()["message"]
+
+
+@pytest.mark.parametrize("path", ["/campaigns", "/campaigns/"])
+def test_an_upload_may_be_large_whatever_its_address_ends_with(client, path):
+    answer = client.post(PREFIX + path, files={"outcomes": b"a,b\n" + b"1,%d\n" % 10**30 * 4000})
+    assert answer.status_code == 422 and "missing outcome_id" in answer.json()["message"]
+
+
+@pytest.mark.parametrize(("path", "given", "wanted"), [
+    ("/predict", None, "application/json"), ("/predict", "text/plain", "application/json"),
+    ("/designs", "application/x-www-form-urlencoded", "application/json"),
+    ("/campaigns", None, "multipart/form-data"), ("/campaigns", "text/csv", "multipart/form-data"),
+])  # fmt: skip
+def test_a_body_must_say_what_it_is(client, path, given, wanted):
+    answer = client.post(PREFIX + path, content=json.dumps(PLACE),
+                         headers={"Content-Type": given} if given else {})
+    problem = answer.json()
+    assert answer.status_code == 422 and problem["fields"][0]["field"] == "Content-Type"
+    shown = repr(given) if given else "missing"
+    assert f"Content-Type = {shown}: allowed: {wanted}" in problem["message"]
+
+
+def test_answers_say_what_they_hold_for(client, designed):
+    words = "biconcave disc of radius 7.5 µm (others by similarity), channel height 20 µm, mean "
+    for about in (designed["provenance"], client.post(f"{PREFIX}/predict", json=PLACE).json()[
+            "provenance"], client.get(f"{PREFIX}/model").json()["provenance"]):
+        assert words in about["holds_for"] and "0.5 mm/s" in about["holds_for"]
 
 
 # ---------------------------------------------------------------------------------------- the queue
