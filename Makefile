@@ -5,6 +5,15 @@ VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
 
+# Snakemake, the kernels and the plots keep caches in the user's home. Without one that can be
+# written they lie beside the environment.
+HOMELESS := $(shell home="$${XDG_CACHE_HOME:-$${HOME:+$$HOME/.cache}}"; test -n "$$home" \
+	&& mkdir -p "$$home" 2>/dev/null && test -w "$$home" || echo homeless)
+ifneq ($(HOMELESS),)
+export XDG_CACHE_HOME := $(CURDIR)/$(VENV)/cache
+export XDG_CONFIG_HOME := $(XDG_CACHE_HOME)
+endif
+
 .PHONY: campaign test web bench schema data reference clean
 
 campaign: $(VENV)/installed
@@ -24,7 +33,7 @@ schema: $(VENV)/installed
 	$(BIN)/python -m dldsim.config.sections workflow/schemas/config.schema.json
 
 data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
-	$(BIN)/python -m dldsim.app.design_jobs results
+	$(BIN)/python -m dldsim.design.finished_campaign results
 
 reference: $(VENV)/installed  # results/reference becomes what the package is judged by
 	$(BIN)/python -m dldsim.evidence.reference_study results

@@ -26,8 +26,18 @@ rule all:
         "the campaign is complete"
 
 
+for each in workflow.rules:
+    watch(each)
+
+
 onstart:
     campaign.write_stamp(Path(RESULTS))
+
+
+onerror:
+    from dldsim.report.campaign_page import renew_report
+
+    logger.info(renew_report(Path(RESULTS), CONFIG.model_dump(mode="json")))
 
 
 onsuccess:

@@ -30,9 +30,9 @@ from benchmarks.kernels import (
     unit_cell,
     without_cell,
 )
-from dldsim.app.jobs import write_run
 from dldsim.config.sections import Cell, Flow, RunControl
 from dldsim.experiments.array_run import Record, simulate_run
+from dldsim.experiments.outcome_files import write_run
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.lattice import stream_collide
 

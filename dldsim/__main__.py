@@ -2,6 +2,11 @@
 
 import sys
 
-from dldsim.app.cli import main
+try:
+    from dldsim.app.cli import main
 
-sys.exit(main())
+    code = main()
+except KeyboardInterrupt:  # before the command began, or after its end
+    sys.stderr.write("\ndldsim: interrupted.\n")
+    code = 130
+sys.exit(code)

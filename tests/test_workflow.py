@@ -1,19 +1,40 @@
 """The graph of jobs: what runs, what reruns, what goes on after a failure."""
 
+import contextlib
+import io
 import json
+import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
+import venv
 from collections import Counter
 from pathlib import Path
+from typing import NamedTuple
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+import yaml
+from snakemake.api import SnakemakeApi
+from snakemake.cli import parse_config
+from snakemake.exceptions import WorkflowError
+from snakemake.settings.enums import Quietness, RerunTrigger
+from snakemake.settings.types import (
+    ConfigSettings,
+    DAGSettings,
+    ExecutionSettings,
+    OutputSettings,
+    ResourceSettings,
+)
 
 from dldsim.config import campaign
-from dldsim.config.sections import read_config
+from dldsim.config.sections import Config, read_config
+from dldsim.errors import DldsimError
 from dldsim.evidence import reference_study
-from dldsim.tables.parquet import read_rows
+from dldsim.tables.parquet import METADATA_KEY, read_rows
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
@@ -36,18 +57,67 @@ def snakemake(folder, *argv, check=True):
     return done
 
 
-def planned(folder, *argv):
+def profile(name="default"):
+    return yaml.safe_load((ROOT / "profiles" / name / "config.yaml").read_text())
+
+
+class Plan(NamedTuple):
+    """What a start would do: rule and wildcards of each job that is needed, all jobs, the log."""
+
+    needed: list
+    jobs: list
+    said: str
+
+    @property
+    def counts(self):
+        """Number of needed jobs of each rule."""
+        return Counter(job.rule.name for job in self.needed)
+
+
+@contextlib.contextmanager
+def started(folder, *targets, config=None, files=(), triggers=None, **options):
+    """A start in this process, with the triggers of the profile; `config` as on the command line.
+
+    Gives the workflow, its graph, and the log so far.
+    """
+    said, listener = io.StringIO(), logging.getLogger("snakemake.logging")
+    handler, level = logging.StreamHandler(said), listener.level
+    triggers = RerunTrigger.parse_choices_set(triggers or profile()["rerun-triggers"])
+    with contextlib.chdir(folder), SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
+        listener.addHandler(handler)
+        listener.setLevel(logging.INFO)
+        try:
+            steps = api.workflow(
+                ResourceSettings(cores=1), snakefile=Path("Snakefile"),
+                config_settings=ConfigSettings(
+                    config=parse_config(config) if config else {}, configfiles=[*map(Path, files)]),
+            )  # fmt: skip
+            graph = steps.dag(DAGSettings(targets=frozenset(targets), rerun_triggers=triggers,
+                                          **options))
+            yield steps._workflow, graph, said
+        finally:
+            listener.removeHandler(handler)
+            listener.setLevel(level)
+
+
+def plan(folder, *targets, **options):
+    """A dry run."""
+    with started(folder, *targets, **options) as (workflow, _, said):
+        workflow._prepare_dag(forceall=False, ignore_incomplete=True, lock_warn_only=True,
+                              nolock=True)
+        workflow._build_dag()
+        return Plan([*workflow.dag.needrun_jobs()], [*workflow.dag.jobs], said.getvalue())
+
+
+def touch(folder, *targets, **options):
+    """Let Snakemake take what is there for just made."""
+    with started(folder, *targets, forceall=True, **options) as (_, graph, _):
+        graph.execute_workflow(executor="touch", execution_settings=ExecutionSettings(lock=False))
+
+
+def planned(folder, *targets, **options):
     """Number of jobs of each rule that a dry run announces."""
-    done = snakemake(folder, "-n", *argv)
-    lines = (done.stdout + done.stderr).splitlines()
-    counts = {}
-    for line in lines:
-        words = line.split()
-        if len(words) == 2 and words[1].isdecimal() and words[0] != "total":
-            counts[words[0]] = int(words[1])
-        elif words[:1] == ["total"]:
-            break
-    return counts
+    return dict(plan(folder, *targets, **options).counts)
 
 
 def copy_workflow(folder):
@@ -57,29 +127,40 @@ def copy_workflow(folder):
     return folder
 
 
+TINY = ["preset=tiny"]
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A tiny campaign whose outputs Snakemake takes for finished; the files are empty shells."""
+    """A tiny campaign whose outputs Snakemake takes for finished; the files are empty shells that
+    say what they were made with."""
     folder = copy_workflow(tmp_path_factory.mktemp("campaign"))
-    config = ["--config", "preset=tiny"]
-    summary = snakemake(folder, "all", "--summary", *config).stdout.splitlines()
-    for line in summary[1:]:
-        path = folder / line.split("\t")[0]
-        if path.parent.name == "designs":  # an output that is a folder
-            path.mkdir(parents=True, exist_ok=True)
-            continue
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("shell")
+    for job in plan(folder, "all", config=TINY).jobs:
+        for file in job.output:
+            write_shell(folder / file, job.params.get("settings"))
     (folder / "results" / campaign.STAMP).write_text(json.dumps(campaign.stamp()))
-    snakemake(folder, "all", "--touch", "--forceall", *config)
-    assert planned(folder, "all", *config) == {}
+    touch(folder, "all", config=TINY)
+    assert planned(folder, "all", config=TINY) == {}
     return folder
+
+
+def write_shell(path, settings):
+    """An output without content."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    about = {"config_hash": campaign.settings_hash(settings or {}), "settings": settings}
+    if path.parent.name == "designs":  # an output that is a folder
+        path.mkdir(exist_ok=True)
+    elif path.suffix == ".parquet":
+        pq.write_table(pa.table({}).replace_schema_metadata(
+            {METADATA_KEY: json.dumps(about).encode()}), path)
+    else:
+        path.write_text(json.dumps({"provenance": about}))
 
 
 @pytest.mark.parametrize(("preset", "geometries"), [("quick", 27), ("paper", 36), ("full", 210)])
 def test_presets_plan_their_outcomes(preset, geometries, tmp_path):
     folder = copy_workflow(tmp_path)
-    counts = planned(folder, "all", "--config", f"preset={preset}")
+    counts = planned(folder, "all", config=[f"preset={preset}"])
     config = read_config(ROOT / "config.yaml", {"preset": preset})
     assert counts["simulate_outcome"] == len(campaign.outcomes(config))
     assert counts["empty_flow"] == geometries
@@ -127,7 +208,179 @@ FLOWS = {"empty_flow": 8, "flows": 1}
     ],
 )
 def test_a_changed_value_reruns_its_dependents_only(finished, change, expected):
-    assert planned(finished, "all", "--config", "preset=tiny", change) == expected
+    assert planned(finished, "all", config=[*TINY, change]) == expected
+
+
+def test_the_file_that_the_user_names_wins_over_the_preset(tmp_path):
+    """Of a file with presets of its own, the preset in force wins over its shared sections."""
+    folder = copy_workflow(tmp_path)
+    (folder / "sweep.yaml").write_text(
+        "sweep: {pillar_radius_um: [6.0], gap_um: [14.0], periodicity: [5], stiffness_sets: ['3']}")
+    found = plan(folder, "all", files=["sweep.yaml"], config=["seed=3"])
+    assert found.counts["simulate_outcome"] == found.counts["empty_flow"] == 1
+    assert ("Configuration: config.yaml, preset quick; over it sweep.yaml: sweep.pillar_radius_um, "
+            "sweep.gap_um, sweep.periodicity, sweep.stiffness_sets; over it the command line: seed."
+            ) in found.said
+    assert planned(folder, "flows", files=["sweep.yaml"], config=["sweep={gap_um: [14, 15]}"]
+                   )["empty_flow"] == 2
+    own = yaml.safe_load((folder / "config.yaml").read_text())
+    own["preset"], own["presets"]["tiny"]["sweep"]["gap_um"] = "tiny", [15.0, 20.0, 21.0]
+    (folder / "own.yaml").write_text(yaml.safe_dump(own))
+    found = plan(folder, "flows", files=["own.yaml"])
+    assert found.counts["empty_flow"] == 12
+    [settings] = {json.dumps(job.params.settings) for job in found.jobs
+                  if job.rule.name == "empty_flow"}
+    assert json.loads(settings)["numerics"]["spacing_um"] == 2.0
+
+
+def test_snakemake_has_no_note_on_the_workflow(tmp_path):
+    snakemake(copy_workflow(tmp_path), "--lint")
+
+
+def test_requirements_are_said_once():
+    """The environment for conda names what pip installs, and what `snakemake --report` needs."""
+    wanted = (ROOT / "requirements.txt").read_text().split()
+    environment = yaml.safe_load((ROOT / "workflow" / "envs" / "dldsim.yaml").read_text())
+    assert environment["dependencies"][-1]["pip"] == wanted
+    assert "pygments" in {re.split("[<>=]", line)[0] for line in wanted}
+
+
+AXIS = "cell={axis: z}"
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    """The finished campaign on another machine, without Snakemake's records."""
+    folder = tmp_path / "elsewhere"
+    shutil.copytree(finished, folder, ignore=shutil.ignore_patterns(".snakemake"))
+    return folder
+
+
+@pytest.mark.parametrize(("change", "expected"), [
+    ("seed=1", {}),
+    (AXIS, SIMULATIONS | AFTER_OUTCOMES),
+    ("seed=3", {"anova": 1, "sensitivity": 1, "benchmark": 1, "surrogate": 1, "designs": 1,
+                "learning_curve": 1, "search_regret": 1} | VERIFIED),
+    ("sweep={gap_um: [20]}", {"flows": 1} | GATHERED | AFTER_OUTCOMES),
+    ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
+])
+def test_copied_results_are_judged_by_what_they_say(copied, change, expected):
+    assert planned(copied, "all", config=[*TINY, change]) == expected
+
+
+def test_stale_files_are_named_with_what_differs(copied):
+    said = plan(copied, "trajectories", config=[*TINY, AXIS]).said
+    assert said.count("They are made anew.") == 1
+    assert "simulate_outcome: files made with cell.axis = y, now z. They are made anew." in said
+
+
+def test_files_of_other_settings_are_not_mixed_whatever_triggers_a_rerun(finished):
+    counts = planned(finished, "runs", config=[*TINY, AXIS, "sweep={gap_um: [15, 20, 21]}"],
+                     triggers=["mtime"])
+    assert counts == {"empty_flow": 4, "simulate_outcome": 24, "runs": 1}
+
+
+def test_a_stale_file_is_not_made_for_a_target_that_does_not_need_it(copied):
+    assert planned(copied, "results/calibration.parquet", config=[*TINY, AXIS]) == {}
+
+
+def test_a_touched_script_and_a_fresh_checkout_rerun_nothing(finished):
+    """No file of the checkout is an input, so that no time stamp of it counts."""
+    jobs = plan(finished, "all", "reference_check", config=TINY).jobs
+    assert all(str(file).startswith("results/") for job in jobs for file in job.input)
+    for path in (finished / "workflow").rglob("*.*"):
+        path.touch()
+    assert planned(finished, "all", config=TINY) == {}
+
+
+EVERYTHING = ("all", "validation", "accuracy", "stability", "reference", "reference_check",
+              "spot_check")
+OUTCOME = {"cell", "flow", "numerics", "run_control", "stiffness_sets"}
+DESIGN = {"seed", "flow", "device", "design_requests", "sweep"}
+NOTHING = ("flows", "runs", "trajectories", "outcomes", "constriction_runs", "calibration",
+           "robustness_map", "validate_case", "validation", "stability", "reference_outcomes",
+           "reference_check")
+READS = {
+    **dict.fromkeys(NOTHING, set()),
+    **dict.fromkeys(("anova", "benchmark", "learning_curve", "surrogate", "verifications",
+                     "spot_check", "spot_check_plan"), {"seed"}),
+    **dict.fromkeys(("simulate_outcome", "spot_check_run"), OUTCOME),
+    **dict.fromkeys(("reference_pair", "critical_gap_point", "critical_gaps"),
+                    OUTCOME | {"reference"}),
+    **dict.fromkeys(("designs", "search_regret"), DESIGN),
+    "empty_flow": {"flow", "numerics"},
+    "constrict": {"cell", "flow", "numerics", "constriction", "constriction_groups"},
+    "sensitivity": {"seed", "fabrication"},
+    "verify": OUTCOME | DESIGN | {"verification"},
+    "accuracy_run": OUTCOME | {"accuracy", "constriction", "constriction_groups"},
+    "accuracy": {"accuracy", "cell", "numerics", "run_control", "constriction"},
+    "stability_family": {"cell", "flow", "numerics", "stiffness_sets", "constriction_groups"},
+    "report": {"preset", "seed", "cell", "flow", "numerics", "run_control", "constriction",
+               "design_requests"},
+}
+"""Sections of which a rule's jobs depend on at least one value."""
+CHANGES = {
+    "seed": "seed=3", "sweep": "sweep={safety_distance_um: 1}", "cell": "cell={radius_um: 7.0}",
+    "flow": "flow={viscosity_mPa_s: 1.0}", "numerics": "numerics={collision: bgk}",
+    "run_control": "run_control={still_rows: 9}", "constriction": "constriction={width_um: 31}",
+    "stiffness_sets": "stiffness_sets={'1': {ks_uN_per_m: 6}, '5': {ks_uN_per_m: 21}}",
+    "constriction_groups": "constriction_groups={G1: {velocity_mm_s: 2}}",
+    "design_requests": "design_requests=[{name: soft-from-stiff, stiffness_set_1: '1', "
+                       "stiffness_set_2: '5', trials: 30}]",
+    "verification": "verification={rounds: 2}", "device": "device={array_width_mm: 3}",
+    "fabrication": "fabrication={moved_deg: 0.7}",
+    "accuracy": "accuracy={migration_angle: {long_rows: 90}}",
+    "reference": "reference={releases: [0.2, 0.5]}",
+}  # fmt: skip
+
+
+SMALL = {
+    "accuracy": {
+        "migration_angle": {"cases": {"zigzag": None, "transition": None}, "alternatives": None,
+                            "knobs": dict.fromkeys(("spacing_um", "reynolds_max", "kernel", "axis",
+                                                    "relaxation_time", "coupling", "rows"))},
+        "deformation_index": {"cases": ["G1"], "alternatives": None, "knobs": dict.fromkeys(
+            ("spacing_um", "reynolds_max", "kernel", "relaxation_time", "coupling"))},
+    },
+    "reference": {
+        "pairs": ["r04.0_g14.0_n10_s5"], "finest": [], "spacings_um": [], "reynolds_max": [0.3],
+        "critical_diameters": {"periodicities": []}, "critical_gaps": [
+            {"pillar_radius_um": 8.0, "periodicity": 10, "stiffness_set": "1",
+             "bracket_um": [15.0, 21.0]}],
+    },
+}  # fmt: skip
+"""Studies of a few jobs, so that the plans are quick."""
+
+
+def handed_out(folder, *files, **options):
+    """All parameters of each job, of all targets."""
+    (folder / "small.yaml").write_text(yaml.safe_dump(SMALL))
+    options["files"] = ["small.yaml", *files]
+    return {(job.rule.name, str(job.wildcards_dict)): str(sorted(job.params.items()))
+            for job in plan(folder, *EVERYTHING, **options).jobs if not job.rule.norun}
+
+
+@pytest.fixture(scope="module")
+def unchanged(finished):
+    return handed_out(finished, config=TINY)
+
+
+@pytest.mark.parametrize("section", [name for name in Config.model_fields if name != "preset"])
+def test_a_rule_hands_out_what_its_jobs_read_and_nothing_more(finished, unchanged, section):
+    changed = handed_out(finished, config=[*TINY, CHANGES[section]])
+    differing = {job[0] for job, given in unchanged.items() if changed.get(job, given) != given}
+    assert differing == {rule for rule, sections in READS.items() if section in sections}
+
+
+def test_every_rule_is_looked_at_and_only_the_report_reads_the_name_of_the_preset(
+    finished, unchanged
+):
+    assert {job[0] for job in unchanged} == set(READS)
+    own = {"preset": "own", "presets": {"own": yaml.safe_load(
+        (ROOT / "config.yaml").read_text())["presets"]["tiny"]}}
+    (finished / "own.yaml").write_text(yaml.safe_dump(own))
+    renamed = handed_out(finished, "own.yaml")
+    assert {job[0] for job in unchanged if renamed[job] != unchanged[job]} == {"report"}
 
 
 def test_the_reference_is_a_target_of_its_own(tmp_path):
@@ -153,7 +406,7 @@ def test_a_finished_point_is_not_made_again(tmp_path):
     for name in files[:2]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text("shell")
-    snakemake(folder, files[1], "--touch", "--forceall")
+    touch(folder, files[1])
     assert planned(folder, files[2]) == {"critical_gap_point": 1}
 
 
@@ -170,7 +423,7 @@ def test_a_comparison_without_a_reference_is_refused_before_it_runs(tmp_path):
 
 
 def test_the_spot_check_follows_the_campaign(finished):
-    counts = planned(finished, "spot_check", "--config", "preset=tiny")
+    counts = planned(finished, "spot_check", config=TINY)
     assert counts == {"spot_check_plan": 1, "spot_check_run": 1, "spot_check": 1}
 
 
@@ -178,7 +431,7 @@ def test_a_crash_is_tried_again_once_per_start(finished):
     crashes = finished / "results" / "crashes"
     campaign.record_crash(crashes, "r05.0_g15.0_n04_s1", "out of memory")
     try:
-        counts = planned(finished, "all", "--config", "preset=tiny")
+        counts = planned(finished, "all", config=TINY)
         assert counts == {"simulate_outcome": 1} | GATHERED | AFTER_OUTCOMES
     finally:
         shutil.rmtree(crashes)
@@ -192,9 +445,26 @@ def test_results_of_other_physics_are_refused(finished):
         done = snakemake(finished, "-n", "all", "--config", "preset=tiny", check=False)
         assert done.returncode != 0
         assert "results holds results of physics version -1" in done.stdout + done.stderr
-        assert planned(finished, "all", "--forceall", "--config", "preset=tiny")
+        snakemake(finished, "-Fn", "all", "--config", *TINY)
     finally:
         stamp.write_text(ours)
+
+
+@pytest.mark.parametrize("place", [".", "results"])
+def test_a_folder_that_cannot_be_written_is_refused_before_any_job(place, tmp_path, monkeypatch):
+    folder = copy_workflow(tmp_path)
+    (folder / "results").mkdir()
+
+    def closed(path):
+        if path == Path(place):
+            raise DldsimError(f"Folder {path} cannot be written.")
+
+    monkeypatch.setattr(campaign, "check_writable", closed)
+    monkeypatch.setattr(sys, "argv", ["snakemake", "-j2"])
+    with pytest.raises(WorkflowError, match="cannot be written"):
+        plan(folder, "flows")
+    monkeypatch.setattr(sys, "argv", ["snakemake", "-nj2"])
+    assert planned(folder, "flows")
 
 
 @pytest.mark.parametrize(
@@ -205,16 +475,48 @@ def test_results_of_other_physics_are_refused(finished):
 )
 def test_bad_configuration_is_told(tmp_path, change, part):
     folder = copy_workflow(tmp_path)
-    done = snakemake(folder, "-n", "all", "--config", change, check=False)
-    assert done.returncode != 0 and part in done.stdout + done.stderr
+    with pytest.raises(WorkflowError, match=re.escape(part)):
+        plan(folder, "all", config=[change])
+
+
+def test_a_clone_and_an_environment_whose_path_has_a_blank(tmp_path):
+    """Snakemake runs the interpreter through a shell, unquoted."""
+    folder = tmp_path / "a clone's folder"
+    venv.create(folder / ".venv", symlinks=True)
+    [packages] = (folder / ".venv" / "lib").glob("*/site-packages")
+    (packages / "ours.pth").write_text(f"{Path(pa.__file__).parents[1]}\n{ROOT}\n")
+    (folder / "Snakefile").write_text(
+        "from dldsim.config import campaign\ncampaign.quote_interpreter()\n"
+        "rule all:\n    output: 'done.txt'\n    script: 'job.py'\n")
+    (folder / "job.py").write_text(
+        "import sys\nopen(snakemake.output[0], 'w').write(sys.executable)\n")
+    python = folder / ".venv" / "bin" / "python"
+    done = subprocess.run([python, "-m", "snakemake", "-j1"], cwd=folder, capture_output=True,
+                          text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert Path((folder / "done.txt").read_text()) == python
+
+
+@pytest.mark.parametrize(("home", "beside"), [({"HOME": "/dev/null"}, True), ({}, True),
+                                              ({"HOME": "{folder}"}, False),
+                                              ({"XDG_CACHE_HOME": "{folder}"}, False)])
+def test_without_a_home_caches_lie_beside_the_environment(home, beside, tmp_path):
+    """Snakemake cannot start without one."""
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    environment = {name: value.format(folder=tmp_path) for name, value in home.items()}
+    said = subprocess.run(
+        ["make", "--silent", "--eval", "show: ; @echo \"$$XDG_CACHE_HOME\"", "show"],
+        cwd=tmp_path, env={"PATH": os.environ["PATH"], **environment}, capture_output=True,
+        text=True, check=True,
+    ).stdout.strip()  # fmt: skip
+    assert (said == f"{tmp_path}/.venv/cache") == beside
 
 
 @pytest.mark.campaign
 def test_tiny_campaign_end_to_end(tmp_path):
     """Real simulations through to the report; then nothing is left to do."""
     folder = copy_workflow(tmp_path)
-    config = ["--config", "preset=tiny"]
-    done = snakemake(folder, "all", *config)
+    done = snakemake(folder, "all", "--config", *TINY)
     results = folder / "results"
     assert "Done: results/" in done.stdout + done.stderr
     for kind, name in {
@@ -238,4 +540,20 @@ def test_tiny_campaign_end_to_end(tmp_path):
     assert {o["outcome_id"]: o["releases"] for o in outcomes} == runs
     assert not [*(results / "partial").glob("*")]
     assert "<html" in (results / "report.html").read_text(encoding="utf-8")[:500].lower()
-    assert planned(folder, "all", *config) == {}
+    assert planned(folder, "all", config=TINY) == {}
+
+
+def test_after_a_failure_the_report_shows_what_there_is(tmp_path):
+    """A rule fails while an older report lies there: it gives way to one that names the reason."""
+    folder = copy_workflow(tmp_path)
+    results = folder / "results"
+    results.mkdir()
+    shutil.copy(ROOT / "dldsim" / "data" / "campaign" / "flows.parquet", results)
+    (results / "outcomes.parquet").write_bytes(b"PAR1 cut short")
+    (results / "report.html").write_text("older")
+    done = snakemake(folder, "anova", "--allowed-rules", "anova", check=False)
+    assert done.returncode != 0
+    assert "The report of what there is" in done.stdout + done.stderr
+    page = (results / "report.html").read_text(encoding="utf-8")
+    assert "<h2>Flow without a cell</h2>" in page and "outcomes.parquet is not a readable" in page
+    assert "The log anova.log ends" in page

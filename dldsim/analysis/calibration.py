@@ -15,6 +15,7 @@ import pandas as pd
 
 from dldsim.config.campaign import GROUP_VELOCITY
 from dldsim.errors import DldsimError
+from dldsim.tables.user_table import PLAUSIBLE, as_keys, as_numbers, check_plausible
 
 MODULI = ["ks_uN_per_m", "kal_uN_per_m", "kb_pN_um"]
 SETTINGS = ["stiffness_set", "ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "velocity_mm_s"]
@@ -97,18 +98,19 @@ def join_deformation_index(outcomes: pd.DataFrame, calibration: pd.DataFrame) ->
     """
     _check_columns(outcomes, ["stiffness_set"])
     _check_columns(calibration, ["stiffness_set", DEFORMATION, "deformation_index_std"])
-    named = calibration[calibration["stiffness_set"].fillna("") != ""]
-    names = named["stiffness_set"].astype(str)
+    named = calibration[as_keys(calibration["stiffness_set"]).notna()]
+    names = as_keys(named["stiffness_set"])
     doubled = sorted(names[names.duplicated()])
     if doubled:
         raise DldsimError(f"Calibration: several groups calibrate stiffness set {doubled[0]}.")
-    wanted = outcomes["stiffness_set"].astype(str)
-    missing = sorted(set(wanted) - set(names))
+    wanted = as_keys(outcomes["stiffness_set"])
+    missing = sorted(set(wanted.fillna("")) - set(names))
     if missing:
         raise DldsimError(
-            f"Calibration: no constriction group calibrates stiffness set {', '.join(missing)} "
-            f"(calibrated: {', '.join(sorted(names)) or 'none'}). Add a group with that "
-            "stiffness_set to constriction_groups."
+            "Calibration: no constriction group calibrates stiffness set "
+            f"{', '.join(name or '(none named)' for name in missing)} "
+            f"(calibrated: {', '.join(sorted(names)) or 'none'}). Name one of "
+            "these, or calibrate the set (constriction_groups of a campaign)."
         )
     by_set = named.set_index(names)
     return outcomes.assign(
@@ -134,7 +136,13 @@ def stiffness_for(
     middle of those stiffnesses is meant. Raises DldsimError outside the calibrated range, for an
     unknown design, and where separate stiffnesses belong to the index.
     """
-    _check_columns(calibration, ["design", "group", *SETTINGS, DEFORMATION])
+    _check_columns(calibration, ["design", "group", *SETTINGS, DEFORMATION,
+                                 "deformation_index_std"])
+    numbers = {n: as_numbers(calibration[n], "Calibration") for n in
+               [*MODULI, "velocity_mm_s", DEFORMATION, "deformation_index_std"]}
+    for name in numbers.keys() & PLAUSIBLE.keys():
+        check_plausible(numbers[name], "Calibration")
+    calibration = calibration.assign(**numbers)
     known = calibration["design"].unique()
     if design not in known:
         raise DldsimError(f"Calibration: no design {design!r} (calibrated: {', '.join(known)}).")

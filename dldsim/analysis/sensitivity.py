@@ -10,10 +10,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.regressors import GEOMETRY, INPUTS, angle_of, learnable, share_of
-from dldsim.analysis.statistics import axes_of
+from dldsim.analysis.anova import share_of_bump, usable
+from dldsim.analysis.regressors import (
+    ANGLE,
+    CONDITIONS,
+    GEOMETRY,
+    INPUTS,
+    angle_of,
+    learnable,
+    share_of,
+)
+from dldsim.analysis.robustness import axes_of
 from dldsim.analysis.surrogate import Surrogate, fit
+from dldsim.errors import DldsimError
 from dldsim.experiments.migration import BUMP_FROM, ZIGZAG_TO
+from dldsim.tables.user_table import as_numbers, check_plausible
 
 DEFORMATION = "deformation_index"
 SOBOL_POINTS = 1024
@@ -27,6 +38,9 @@ DRAWS = 400
 MOVED_DEG = 0.5
 """A change of the angle by more than this counts as moved."""
 MODES = ("zigzag", "mixed", "bump")
+WHERE = "Sobol indices"
+LEARNT = 500
+"""Arrays of a user's table that a surrogate is fitted to at most."""
 
 
 def modes_of(share) -> np.ndarray:
@@ -84,6 +98,9 @@ def sobol(surrogate: Surrogate, outcomes: pd.DataFrame, seed: int) -> pd.DataFra
     first, second = design[:count], design[count:]
     mixed = [np.where(np.arange(count)[:, None] == i, second, first) for i in range(count)]
     values = np.array([angle(unit) for unit in (first, second, *mixed)])
+    if not factors or np.ptp(values) < 1e-9:
+        raise DldsimError("Sobol indices: the surrogate predicts the same angle everywhere; there "
+                          "is no variance to share out. Widen the sweep.")
     values -= values[:2].mean()
     draws = np.random.default_rng(seed).integers(0, SOBOL_POINTS, (BOOTSTRAP, SOBOL_POINTS))
     sampled = np.array([_indices(values[:, rows]) for rows in draws])  # (draws, order, factor)
@@ -111,22 +128,57 @@ def _indices(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     centred.
     """
     a, b, mixed = values[0], values[1], values[2:]
-    variance = max(values[:2].var(), 1e-300)
+    variance = values[:2].var()
     return ((b * (mixed - a)).mean(axis=1) / variance,
             ((a - mixed) ** 2).mean(axis=1) / (2 * variance))
 
 
-def sobol_of_table(frame: pd.DataFrame, seed: int) -> pd.DataFrame:
-    """Sobol indices of anybody's table with the columns that `statistics.anova` needs.
+def sobol_of_table(frame: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, list[str]]:
+    """Sobol indices of anybody's table with the columns that `anova` needs, and notes.
 
-    A surrogate is fitted first. Where the table tells no cell radius one is assumed: a common
-    radius cancels in every feature but for constants. Raises DldsimError as `surrogate.fit` does.
+    A surrogate is fitted first, to the rows that `anova` uses. It knows angles between zigzag and
+    full bump, while the indices of an angle do not depend on its unit or sign, so that it is given
+    angles scaled and turned to reach from there to there: the largest becomes full bump. Rows of
+    the same inputs are averaged, and of many rows those of LEARNT arrays are taken, drawn at
+    random. Where the table tells no cell radius, half of the mean gap is assumed: a common radius
+    cancels in every feature but for constants.
+
+    Raises DldsimError as `usable` and `surrogate.fit` do, and if the surrogate does not vary.
     """
-    outcomes = frame.assign(stiffness_set=frame["stiffness_set"].astype(str))
-    assumed = {"outcome_id": [f"row{i:06d}" for i in range(len(frame))], "cell_radius_um": 7.5,
-               "status": "decided"}
-    outcomes = outcomes.assign(**{name: v for name, v in assumed.items() if name not in frame})
-    return sobol(fit(outcomes, seed), outcomes, seed)
+    data, places, notes = usable(frame, seed)
+    notes = [f"{term}: {note}" for term, note in notes]
+    data = data.assign(cell_radius_um=np.exp(np.log(data["gap_um"]).mean()) / 2, status="decided")
+    if "cell_radius_um" in frame and frame["cell_radius_um"].notna().any():
+        radius = as_numbers(frame["cell_radius_um"].reset_index(drop=True), WHERE)
+        check_plausible(radius, WHERE)
+        data["cell_radius_um"] = radius.to_numpy()[places]
+    for name in CONDITIONS:
+        if name in frame:
+            given = frame[name].iloc[places].astype(object)
+            data[name] = given.where(given.notna(), None).to_numpy()
+    unusable = ~np.isfinite(data["cell_radius_um"])
+    if unusable.any():
+        notes.append(f"rows: {int(unusable.sum())} of {len(data)} rows left out: no cell_radius_um")
+        data = data[~unusable]
+    share = share_of_bump(data)
+    scale = np.abs(share).max()
+    if scale > 0:
+        data[ANGLE] *= (-1 if share.mean() < 0 else 1) / scale
+    if share.mean() < 0:
+        notes.append(f"{ANGLE}: counted against the row shift, turned for the surrogate")
+    same = [*INPUTS, *(name for name in CONDITIONS if name in data)]
+    means = data.groupby(same, as_index=False, dropna=False).agg({ANGLE: "mean", "status": "first"})
+    if len(means) < len(data):
+        notes.append(f"rows: {len(data)} rows are repeats of {len(means)}; the surrogate learns "
+                     "from their means")
+    arrays = means[GEOMETRY].drop_duplicates()
+    if len(arrays) > LEARNT:
+        kept = arrays.sample(LEARNT, random_state=np.random.default_rng(seed))
+        notes.append(f"arrays: {len(arrays) - LEARNT} of {len(arrays)} left out: the surrogate "
+                     f"learns from {LEARNT}, drawn at random (seed {seed}) to bound the time")
+        means = means.merge(kept, on=GEOMETRY)
+    means["outcome_id"] = [f"row{i:06d}" for i in range(len(means))]
+    return sobol(fit(means, seed), means, seed), notes
 
 
 def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataFrame:

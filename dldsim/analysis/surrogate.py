@@ -9,7 +9,9 @@ where it holds.
 import copy
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,19 +146,36 @@ class Surrogate:
             known[i] = surely[i] or self.distance_outside(*unique[i], 1.0) <= DOMAIN_TOLERANCE
         return inside & known[where.ravel()]
 
-    def _surely_inside(self, points: np.ndarray) -> np.ndarray:
-        """True where a triangulation of the training geometries holds a point (P_r/R, P_g/R, N_p).
+    @cached_property
+    def _half_spaces(self) -> np.ndarray | None:
+        """Facets (n, 4) of the hull of the training geometries: outward normal and offset.
 
-        All False where those lie in a plane or a line; `distance_outside` then decides.
+        In units of the training ranges; None where the geometries lie in a plane or a line.
         """
-        from scipy.spatial import Delaunay
+        from scipy.spatial import ConvexHull
 
         known = np.array(self.card["domain"]["geometries"])
         span = np.ptp(known, axis=0)
         spread = (known - known.mean(axis=0)) / np.where(span > 0, span, 1)
         if len(known) < 5 or np.linalg.matrix_rank(spread, tol=1e-9) < 3:
+            return None
+        return np.unique(ConvexHull(known / span).equations.round(12), axis=0)
+
+    def _surely_inside(self, points: np.ndarray) -> np.ndarray:
+        """True where the half-spaces of the hull all hold a point (P_r/R, P_g/R, N_p), (n,).
+
+        All False where the training geometries have no volume; `distance_outside` then decides.
+        """
+        if self._half_spaces is None:
             return np.zeros(len(points), bool)
-        return Delaunay(known / span).find_simplex(points / span) >= 0
+        span = np.ptp(np.array(self.card["domain"]["geometries"]), axis=0)
+        beyond = points / span @ self._half_spaces[:, :3].T + self._half_spaces[:, 3]
+        return (beyond <= 1e-9).all(axis=1)
+
+    @property
+    def holds_for(self) -> str:
+        """Shape of the cell, height and velocity that predictions hold for, in words."""
+        return holds_for(self.card["data"]["conditions"])
 
     @property
     def deformation_index_range(self) -> tuple[float, float]:
@@ -219,7 +238,7 @@ class Surrogate:
         if np.any(np.abs(point - known[0])[fixed] > 1e-6 * np.abs(known[0])[fixed]):
             return np.inf
         scaled = ((known - point)[:, ~fixed] / span[~fixed]).T
-        if scaled.size == 0:
+        if scaled.size == 0 or self._surely_inside(point[None])[0]:
             return 0.0
         # least t with |Σ w_i (known_i − point)| ≤ t, w ≥ 0, Σ w = 1
         column = np.full((len(scaled), 1), -1.0)
@@ -241,6 +260,18 @@ class Surrogate:
         for target, content in ((path, model), (card_path, text)):
             with atomic_path(target) as part:
                 part.write_bytes(content)
+
+
+SHAPES = {"biconcave": "biconcave discs", "sphere": "spheres", "ellipsoid": "ellipsoids"}
+
+
+def holds_for(conditions: Mapping[str, Any]) -> str:
+    """Conditions that outcomes were made under, of CONDITIONS, in words."""
+    shape = SHAPES.get(conditions.get("cell_shape"), "cells of one shape")
+    known = [text for name, text in (
+        ("height_um", "channel height {:g} µm"), ("mean_velocity_mm_s", "mean velocity {:g} mm/s"),
+    ) if name in conditions for text in [text.format(conditions[name])]]  # fmt: skip
+    return ", ".join([f"{shape} of the radii named", *known])
 
 
 def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:

@@ -1,25 +1,25 @@
 """One simulation, its files: what the campaign's jobs and the commands share.
 
-In a campaign a crash (an exception) becomes a row of status "failed"; see
-:mod:`dldsim.config.campaign`.
+In a campaign a failure (a DldsimError, or memory that is exhausted) becomes a row of status
+"failed"; see :mod:`dldsim.config.campaign`. Any other exception is a bug: the job ends with its
+traceback, and what depends on it is not made.
 """
 
 import contextlib
-import shutil
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import TextIO
 
 import numpy as np
 
 from dldsim.config import campaign
+from dldsim.config.campaign import provenance
 from dldsim.config.sections import (
     Cell,
     CellShape,
-    Config,
     Constriction,
     ConstrictionGroup,
     Flow,
@@ -27,38 +27,69 @@ from dldsim.config.sections import (
     Numerics,
     RunControl,
     Stiffness,
+    sections_from,
 )
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
-from dldsim.tables.parquet import (
-    COLUMNS,
-    atomic_path,
-    describe,
-    read_columns,
-    read_rows,
-    write_csv,
-    write_table,
+from dldsim.experiments.outcome_files import (
+    OutcomeFiles,
+    Partial,
+    Progress,
+    flow_row,
+    write_constriction,
+    write_outcome,
 )
+from dldsim.files import atomic_path, why_not_written
+from dldsim.tables.parquet import COLUMNS, read_rows, write_csv, write_table
 
-Progress = Callable[[str], None]
 
 @contextlib.contextmanager
 def job_log(path: Path) -> Iterator[Progress]:
-    """Send everything printed to a log file; a DldsimError ends the job without a traceback."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Send everything printed to a log file.
+
+    What the user can mend (a DldsimError, a full disk, a folder that is closed) and an interruption
+    end the job without a traceback.
+    """
     console = sys.stderr
-    with path.open("w", encoding="utf-8", buffering=1) as log:
-        with contextlib.redirect_stdout(log), contextlib.redirect_stderr(log):
-            try:
-                yield _writer(log)
-            except DldsimError as error:
-                log.write(f"{error}\n")
-                console.write(f"{error}\n")
-                raise SystemExit(1) from None
-            except Exception:
-                log.write(traceback.format_exc())
-                raise
+    try:
+        with _logged(Path(path)) as progress:
+            yield progress
+    except KeyboardInterrupt:
+        raise SystemExit(INTERRUPTED) from None
+    except DldsimError as error:
+        console.write(f"{error}\n")
+        raise SystemExit(1) from None
+    except OSError as error:
+        if (reason := why_not_written(error)) is None:
+            raise
+        console.write(f"{reason}\n")
+        raise SystemExit(1) from None
+
+
+INTERRUPTED = 130
+"""Exit code of a process that Ctrl-C has ended."""
+
+
+@contextlib.contextmanager
+def _logged(path: Path) -> Iterator[Progress]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with (
+        path.open("w", encoding="utf-8", buffering=1) as log,
+        contextlib.redirect_stdout(log),
+        contextlib.redirect_stderr(log),
+    ):
+        try:
+            yield _writer(log)
+        except KeyboardInterrupt:
+            log.write("interrupted\n")
+            raise
+        except DldsimError as error:
+            log.write(f"{error}\n")
+            raise
+        except Exception as error:
+            reason = why_not_written(error) if isinstance(error, OSError) else None
+            log.write(f"{reason}\n" if reason else traceback.format_exc())
+            raise
 
 
 def _writer(log: TextIO) -> Progress:
@@ -68,12 +99,6 @@ def _writer(log: TextIO) -> Progress:
         log.write(f"{time.perf_counter() - start:8.1f} s  {sentence}\n")
 
     return progress
-
-
-def provenance(settings: Mapping[str, Any], seed: int | None = None) -> dict:
-    """Metadata of a file that depends on these settings and this seed."""
-    settings = dict(settings)
-    return {"config_hash": campaign.settings_hash(settings), "seed": seed, "settings": settings}
 
 
 def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crashes: Path,
@@ -102,67 +127,6 @@ def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crash
             np.savez(file)
 
     _attempt(identifier, simulate, give_up, crashes, progress)
-
-
-def flow_row(result) -> dict:
-    """Row of `flows` of an EmptyFlow."""
-    return {"stop_reason": "the mean velocity is steady", **result.summary()}
-
-
-class Partial:
-    """Finished releases of an outcome under way, in a folder of their own until it is written.
-
-    A stop then costs at most the release under way. What was made with other settings is not used.
-    """
-
-    def __init__(self, directory: Path, outcome: str, settings: Mapping):
-        self.directory, self.outcome, self.about = Path(directory), outcome, provenance(settings)
-
-    def _files(self, place: float) -> tuple[Path, Path]:
-        name = campaign.run_id(self.outcome, place)
-        return (self.directory / f"{name}.run.parquet",
-                self.directory / f"{name}.trajectory.parquet")
-
-    def keep(self, place: float, result) -> None:
-        """Write a RunResult; its row last, which says that all of it is there."""
-        row, trajectory = self._files(place)
-        write_table("trajectory", result.trajectory, trajectory, self.about)
-        write_table("runs", [result.row], row, self.about)
-
-    def finished(self, places: Iterable[float]) -> dict[float, Any]:
-        """The RunResults that are there, by place."""
-        from dldsim.experiments.array_run import RunResult
-
-        found = {}
-        for place in places:
-            row, trajectory = self._files(place)
-            if all(made_with(path, self.about["config_hash"]) for path in (row, trajectory)):
-                columns = read_columns("trajectory", trajectory)
-                path = {name: columns[name].to_numpy() for name in columns.column_names}
-                found[place] = RunResult(read_rows("runs", row)[0], path)
-        return found
-
-    def remove(self) -> None:
-        shutil.rmtree(self.directory, ignore_errors=True)
-
-
-def made_with(path: Path, digest: str) -> bool:
-    """Whether a table exists, is readable, of this physics, and made with these settings."""
-    try:
-        about = describe(path)
-        read_columns(about["kind"], path)
-    except DldsimError:
-        return False
-    return about["provenance"]["config_hash"] == digest
-
-
-class OutcomeFiles(NamedTuple):
-    """Tables of one outcome: its row of `outcomes`, its `runs`, the `trajectory` of all releases.
-    """
-
-    outcome: Path
-    runs: Path
-    trajectory: Path
 
 
 def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Path,
@@ -206,25 +170,6 @@ def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Pat
     _attempt(identifier, simulate, give_up, crashes, progress)
 
 
-def write_outcome(result, files: OutcomeFiles, settings: Mapping) -> None:
-    """Write the tables of an OutcomeResult, its row last."""
-    about = provenance(settings)
-    write_table("trajectory", result.trajectory(), files.trajectory, about)
-    write_table("runs", result.rows(), files.runs, about)
-    write_table("outcomes", [{**NOT_JOINED, **result.row}], files.outcome, about)
-
-
-NOT_JOINED = {"deformation_index": None, "deformation_index_std": None, "sigma_num_deg": None,
-              "sigma_num_basis": "not joined yet"}
-"""Columns of `outcomes` that are filled when the outcomes are gathered."""
-
-
-def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
-    """Write the two tables of a RunResult."""
-    write_table("trajectory", result.trajectory, trajectory, provenance(settings))
-    write_table("runs", [result.row], row, provenance(settings))
-
-
 def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path,
                  progress: Progress) -> None:
     """One run of the accuracy study: its row of `runs` or `constriction_runs`."""
@@ -264,14 +209,15 @@ def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path
     _attempt(identifier, simulate, give_up, crashes, progress)
 
 
-def gather_accuracy(rows: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
-                    table: Path) -> None:
+def gather_accuracy(rows: Iterable[tuple[str, Path]], settings: Mapping, *, table: Path
+                    ) -> None:
     """Table of the accuracy study from its runs (variant, file of its row)."""
     found = []
     for identifier, path in rows:
         variant = accuracy.parse_variant(identifier)
         found.append((variant, read_rows(accuracy.kind_of(variant), path)[0]))
-    write_table("accuracy", accuracy.table(found, config), table, provenance(settings))
+    compared = accuracy.table(found, sections_from(settings))
+    write_table("accuracy", compared, table, provenance(settings))
     write_csv("accuracy", table)
 
 
@@ -334,13 +280,6 @@ def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dic
     }
 
 
-def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -> None:
-    """Write the two tables of a ConstrictionResult."""
-    about = provenance(settings)
-    write_table("constriction_trajectory", result.trajectory, trajectory, about)
-    write_table("constriction_runs", [result.row], row, about)
-
-
 def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
                    progress: Progress) -> None:
     """Run one validation case and write its rows; a case that raises is counted as a crash."""
@@ -355,10 +294,11 @@ def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
 
 def _attempt(identifier: str, simulate: Callable[[], None], give_up: Callable[[str], None],
              crashes: Path, progress: Progress) -> None:
-    """Simulate; on an exception log it, count it, and write what stands for the result."""
+    """Simulate; log and count a failure that is none of the program, and write what stands for the
+    result. Anything else is a bug, which ends the job with its traceback."""
     try:
         simulate()
-    except Exception as error:
+    except (DldsimError, MemoryError) as error:
         expected = isinstance(error, DldsimError)
         reason = str(error) if expected else f"{type(error).__name__}: {error}"
         progress(reason if expected else traceback.format_exc())

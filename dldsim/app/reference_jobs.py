@@ -11,20 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from dldsim.analysis import uncertainty
-from dldsim.app.jobs import NOT_JOINED, Partial, Progress, provenance
-from dldsim.config.campaign import Pair, outcome_id, parse_outcome
+from dldsim.config.campaign import Pair, outcome_id, parse_outcome, provenance
 from dldsim.config.sections import (
     CellShape,
-    Config,
     Flow,
     Geometry,
     Numerics,
     RunControl,
     Stiffness,
+    sections_from,
 )
 from dldsim.evidence import reference_study, spot_check
 from dldsim.evidence.reference_study import CAMPAIGN, Row
-from dldsim.tables.parquet import atomic_path, read_rows, write_csv, write_table
+from dldsim.experiments.outcome_files import NOT_JOINED, Partial, Progress
+from dldsim.files import atomic_path
+from dldsim.tables.parquet import read_rows, write_csv, write_table
 
 Simulator = Callable[[str, Geometry, str, Mapping[str, Any]], Row]
 """Row of `outcomes` of an identifier, its array, its stiffness set, and settings by section."""
@@ -77,10 +78,10 @@ def point_job(identifier: str, settings: Mapping, *, before: Path | None, start:
     write_table("critical_gap_points", points, table, provenance(settings))
 
 
-def gather_gaps(searches: Iterable[tuple[str, Path]], config: Config, settings: Mapping, *,
-                gaps: Path, convergence: Path) -> None:
+def gather_gaps(searches: Iterable[tuple[str, Path]], settings: Mapping, *, gaps: Path,
+                convergence: Path) -> None:
     """`critical_gaps` and `convergence` from searches (identifier, file of their last point)."""
-    rows = []
+    config, rows = sections_from(settings), []
     for identifier, path in searches:
         search = reference_study.parse_search(identifier)
         points = read_rows("critical_gap_points", path)

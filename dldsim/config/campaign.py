@@ -6,14 +6,18 @@ Rule files import this module in every job, so it imports nothing heavy.
 import csv
 import hashlib
 import json
+import os
 import re
+import shlex
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.config.sections import Config, Geometry, check_gap, validate
+from dldsim.config.sections import Config, Geometry, check_gap, in_force, preset_of, validate
 from dldsim.errors import DldsimError
+from dldsim.files import atomic_path, why_not_written
 
 GEOMETRY_PATTERN = r"r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+"
 OUTCOME_PATTERN = GEOMETRY_PATTERN + r"_s[A-Za-z0-9-]+"
@@ -167,6 +171,50 @@ def settings_hash(settings: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def provenance(settings: Mapping[str, Any], seed: int | None = None) -> dict:
+    """Metadata of a file that depends on these settings and this seed."""
+    settings = dict(settings)
+    return {"config_hash": settings_hash(settings), "seed": seed, "settings": settings}
+
+
+def origins(layers: Mapping[str, Mapping]) -> str:
+    """What the configuration was made of, in a sentence: sources by name, the lowest first."""
+    preset = preset_of(layers.values())
+    lowest, *others = layers
+    sentence = f"Configuration: {lowest}, preset {preset}"
+    for name in others:
+        keys = dict.fromkeys(key for part in in_force(layers[name], preset)
+                             for key in flattened(part))
+        keys |= {"preset": None} if "preset" in layers[name] else {}
+        if keys:
+            sentence += f"; over it {name}: {', '.join(keys)}"
+    return f"{sentence}."
+
+
+def flattened(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Values by dotted key."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value:
+            flat |= flattened(value, f"{above}{key}.")
+        else:
+            flat[f"{above}{key}"] = value
+    return flat
+
+
+def import_from(folder: Path) -> None:
+    """Let child processes import the package from here, whichever environment they run in."""
+    others = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    paths = dict.fromkeys(path for path in (str(folder), *others) if path)
+    os.environ["PYTHONPATH"] = os.pathsep.join(paths)
+
+
+def quote_interpreter() -> None:
+    """Let Snakemake start an interpreter whose path has a blank: it calls it unquoted."""
+    if not sys.executable.startswith("'"):
+        sys.executable = shlex.quote(sys.executable)
+
+
 STAMP = ".dldsim.json"
 
 
@@ -177,11 +225,8 @@ def stamp() -> dict:
 
 def write_stamp(directory: Path) -> None:
     """Stamp a results folder with the versions that fill it."""
-    path = Path(directory) / STAMP
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(stamp()) + "\n", encoding="utf-8")
-    part.replace(path)
+    with atomic_path(Path(directory) / STAMP) as part:
+        part.write_text(json.dumps(stamp()) + "\n", encoding="utf-8")
 
 
 def check_stamp(directory: Path) -> None:
@@ -193,7 +238,11 @@ def check_stamp(directory: Path) -> None:
         made_by = json.loads(path.read_text(encoding="utf-8"))
         physics, version = made_by["physics_version"], made_by["dldsim_version"]
     except (ValueError, KeyError, TypeError) as error:
-        raise DldsimError(f"{path} is damaged. Delete it and start again.") from error
+        raise DldsimError(
+            f"{path} is damaged, so that the physics version of what lies in {directory}/ is not "
+            f"known. If it is this one ({PHYSICS_VERSION}), delete {path} alone, and all results "
+            f"are used. Otherwise: mv {directory} {directory}-old."
+        ) from error
     if physics != PHYSICS_VERSION:
         raise DldsimError(
             f"{directory} holds results of physics version {physics} (dldsim {version}); this is "
@@ -201,6 +250,18 @@ def check_stamp(directory: Path) -> None:
             f"the old results: mv {directory} {directory}-physics{physics}. To make everything "
             "anew in place: snakemake -j2 all --forceall."
         )
+
+
+def check_writable(directory: Path) -> None:
+    """Refuse a folder in which nothing can be written, before any job fails on it."""
+    try:
+        with atomic_path(Path(directory) / ".writable") as part:
+            part.write_bytes(b"\n")
+        (Path(directory) / ".writable").unlink()
+    except OSError as error:
+        reason = why_not_written(error) or error
+        folder = Path(directory).resolve()
+        raise DldsimError(f"Folder {folder} cannot be written: {reason}") from None
 
 
 def closing_sentence(directory: Path) -> str:
@@ -252,24 +313,31 @@ def _read_csv(path: Path) -> list[dict]:
         return list(csv.DictReader(file))
 
 
-# A crash is an exception in a simulation, as against a physical failure, which is a result. The
-# job then writes a row of status "failed", so that the campaign goes on and reports it, and counts
-# the crash in a file that is no output of any rule. The count is a parameter of the job's rule: it
-# has changed at the next start of Snakemake, which therefore tries again. It never goes down, so a
-# run that has recovered is left alone.
+# A crash is a DldsimError in a simulation, or memory that is exhausted, as against a physical
+# failure, which is a result, and a bug, which ends the job. The job then writes a row of status
+# "failed", so that the campaign goes on and reports it, and counts the crash in a file that is no
+# output of any rule. The count is a parameter of the job's rule: it has changed at the next start
+# of Snakemake, which therefore tries again. It never goes down, so a run that has recovered is left
+# alone.
+
+
+DAMAGED = -1
+"""A number of crashes that no record holds, so that the job is tried again."""
 
 
 def count_crashes(directory: Path, identifier: str) -> int:
-    """How often the job has crashed so far."""
+    """How often the job has crashed so far; DAMAGED if the record cannot be read."""
     path = Path(directory) / f"{identifier}.txt"
-    return int(path.read_text().split(maxsplit=1)[0]) if path.exists() else 0
+    try:
+        return int(path.read_text(encoding="utf-8").split(maxsplit=1)[0])
+    except FileNotFoundError:
+        return 0
+    except (OSError, ValueError, IndexError):
+        return DAMAGED
 
 
 def record_crash(directory: Path, identifier: str, reason: str) -> None:
     """Count one more crash of the job and keep its reason."""
-    count = count_crashes(directory, identifier) + 1
-    path = Path(directory) / f"{identifier}.txt"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(f"{count}\n{reason}\n", encoding="utf-8")
-    part.replace(path)
+    count = max(count_crashes(directory, identifier), 0) + 1
+    with atomic_path(Path(directory) / f"{identifier}.txt") as part:
+        part.write_text(f"{count}\n{reason}\n", encoding="utf-8")

@@ -5,8 +5,9 @@ Lengths are in µm, velocities in mm/s, viscosity in mPa·s, surface moduli in �
 
 import difflib
 import math
+import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,6 +17,7 @@ from pydantic import (
     ConfigDict,
     Field,
     StringConstraints,
+    TypeAdapter,
     ValidationError,
     field_validator,
     model_validator,
@@ -283,7 +285,8 @@ class Device(Section):
 
 
 Length = Annotated[float, Field(gt=0, lt=1000), AfterValidator(_thousandths)]
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9-]+$")]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9-]{1,64}$")]
+"""Part of file names, which may not be longer than some 255 characters."""
 
 
 class Sweep(Section):
@@ -328,7 +331,8 @@ class Sweep(Section):
         return [_thousandths(pillar_radius_um + self.gap_minus_radius_um)]
 
 
-Bounds = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+Bound = Annotated[float, Field(gt=0, lt=1000)]
+Bounds = tuple[Bound, Bound]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -339,7 +343,7 @@ class DesignRequest(Section):
     deformation index is then taken.
     """
 
-    name: Name = Field(description="letters, digits and hyphens")
+    name: Name = Field(description="letters, digits and hyphens, 64 at most")
     deformation_index_1: Fraction | None = Field(None, description="of the first cell type")
     deformation_index_2: Fraction | None = Field(None, description="of the second cell type")
     deformation_index_std_1: Annotated[float, Field(ge=0)] | None = Field(
@@ -365,11 +369,15 @@ class DesignRequest(Section):
     sampler: Literal["tpe", "grid"] = Field(
         "tpe", description="Parzen estimator with so many trials, or every point of a grid"
     )
-    trials: int = Field(100, ge=1, description="trials of the search, 50 to 200 are typical")
-    startup_trials: int = Field(20, ge=1, description="random trials before the model guides")
+    trials: int = Field(
+        100, ge=1, le=10_000, description="trials of the search, 50 to 200 are typical"
+    )
+    startup_trials: int = Field(
+        20, ge=1, le=10_000, description="random trials before the model guides"
+    )
     grid_steps: int = Field(17, ge=2, le=65, description="values of P_r and of P_g in the grid")
     draws: int = Field(64, ge=8, le=4096, description="Monte Carlo draws of the robust objective")
-    candidates: int = Field(5, ge=1, description="candidates to report")
+    candidates: int = Field(5, ge=1, le=100, description="candidates to report")
     tolerance_um: float = Field(0.5, ge=0, description="± on P_r and P_g in the tolerance analysis")
     height_tolerance_um: float = Field(
         1.0, ge=0, description="± on the channel height, which only a simulation can judge"
@@ -579,7 +587,7 @@ class Config(Section):
     """One campaign, every setting in place."""
 
     preset: str = Field("quick", description="name of the preset in force")
-    seed: int = Field(1, ge=0, description="seed of everything random")
+    seed: int = Field(1, ge=0, lt=2**64, description="seed of everything random")
     sweep: Sweep
     cell: CellShape = CellShape()
     flow: Flow = Flow()
@@ -751,46 +759,78 @@ def _typed(value: Any) -> Any:
         return value
 
 
-def resolve(raw: Mapping, overrides: Mapping | None = None) -> Config:
+def resolve(
+    raw: Mapping, overrides: Mapping | None = None, files: Sequence[Mapping] = ()
+) -> Config:
     """The validated configuration of one campaign.
 
-    `raw` holds shared sections, `presets` and the name of one `preset`. The preset goes over the
-    shared sections, and `overrides` (the command line, where numbers may come as text) over both.
-    Raises DldsimError with every problem's key, value and allowed values.
+    `raw` holds shared sections, `presets` and the name of one `preset`; `files` are further
+    configurations that the user names, and `overrides` the command line, where numbers may come as
+    text. Later ones win, and so do their names of a preset. Of each the preset in force goes over
+    its own shared sections. Raises DldsimError with every problem's key, value and allowed values.
     """
-    overrides = _typed(overrides or {})
-    if not isinstance(raw, Mapping):
-        raise DldsimError("The configuration is not a mapping of keys to values. See config.yaml.")
-    raw = merge(raw, overrides)
-    presets = raw.pop("presets", None) or {}
-    if not isinstance(presets, Mapping):
-        raise DldsimError("presets must be a mapping of names to partial configurations.")
-    name = raw.get("preset", Config.model_fields["preset"].default)
-    if presets or "preset" in raw:
-        if name not in presets:
-            raise DldsimError(
-                f"Unknown preset {name!r}.{_did_you_mean(name, presets)} "
-                f"Presets: {', '.join(presets) or 'none'}."
-            )
-        raw = merge(merge(raw, presets[name] or {}), overrides)
-        raw.pop("presets", None)
-        raw["preset"] = name
-    config = validate(Config, raw)
+    layers = [raw, *files, _typed(overrides or {})]
+    for layer in layers:
+        if not isinstance(layer, Mapping):
+            raise DldsimError("The configuration is not a mapping of keys to values. See "
+                              "config.yaml.")
+        if not isinstance(layer.get("presets") or {}, Mapping):
+            raise DldsimError("presets must be a mapping of names to partial configurations.")
+    name = preset_of(layers)
+    presets = {key: None for layer in layers for key in layer.get("presets") or {}}
+    named = any("preset" in layer for layer in layers)
+    if (presets or named) and name not in presets:
+        raise DldsimError(
+            f"Unknown preset {name!r}.{_did_you_mean(name, presets)} "
+            f"Presets: {', '.join(presets) or 'none'}."
+        )
+    merged: dict[str, Any] = {}
+    for layer in layers:
+        for part in in_force(layer, name):
+            merged = merge(merged, part)
+    config = validate(Config, merged | {"preset": name})
     _check_sweep(config)
     return config
 
 
+def sections_from(settings: Mapping[str, Any]) -> types.SimpleNamespace:
+    """The sections of a configuration that a job was handed out; there are no others."""
+    return types.SimpleNamespace(**{
+        name: TypeAdapter(Config.model_fields[name].annotation).validate_python(value)
+        for name, value in settings.items() if name in Config.model_fields
+    })  # fmt: skip
+
+
+def preset_of(layers: Iterable[Mapping]) -> str:
+    """Name of the preset in force: the last that is named."""
+    names = [layer["preset"] for layer in layers if layer.get("preset") is not None]
+    return names[-1] if names else Config.model_fields["preset"].default
+
+
+def in_force(layer: Mapping, preset: str) -> list[Mapping]:
+    """What one configuration says under this preset: its shared sections, and the preset's."""
+    shared = {key: value for key, value in layer.items() if key not in ("preset", "presets")}
+    overlay = (layer.get("presets") or {}).get(preset) or {}
+    if not isinstance(overlay, Mapping):
+        raise DldsimError(f"presets.{preset} must be a mapping of keys to values.")
+    return [shared, overlay]
+
+
 def read_config(path: Path, overrides: Mapping | None = None) -> Config:
     """The validated configuration in a YAML file."""
+    return resolve(read_layer(path), overrides)
+
+
+def read_layer(path: Path) -> Any:
+    """What a YAML file holds, not validated."""
     import yaml
 
     try:
-        raw = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise DldsimError(f"Cannot read the configuration {path}: {error.strerror}.") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise DldsimError(f"The configuration {path} is not valid YAML: {error}") from error
-    return resolve(raw, overrides)
 
 
 def _check_sweep(config: Config) -> None:

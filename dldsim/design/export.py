@@ -11,7 +11,8 @@ import numpy as np
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.sections import DesignRequest, Device, Geometry
-from dldsim.design.mask import Layout, Population, draw_mask, make_layout, write_dxf, write_gds
+from dldsim.design.layout import Layout, Stream, make_layout
+from dldsim.design.mask import draw_mask, write_dxf, write_gds
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import COLUMNS, atomic_path
 
@@ -68,7 +69,7 @@ def export_design(
     Raises DldsimError if a run belongs to another array, or if the device is too small.
     """
     geometry = Geometry(**{key: design[key] for key in Geometry.model_fields})
-    populations = make_populations(design, request, verified)
+    populations = make_streams(design, request, verified)
     layout = make_layout(geometry, device, populations, name)
     for run in verified or ():
         _check_array(name, layout, run)
@@ -94,9 +95,9 @@ def export_design(
     return paths
 
 
-def make_populations(
+def make_streams(
     design: Mapping[str, Any], request: DesignRequest, verified: Sequence[Verified] | None = None
-) -> list[Population]:
+) -> list[Stream]:
     """Both cell types with the angle that the mask shows.
 
     That is the simulated angle with its numerical uncertainty, or, without a run or where the run
@@ -108,7 +109,7 @@ def make_populations(
         row = verified[i - 1].row if verified else {}
         if row.get("migration_angle_deg") is not None:
             angle, error = row["migration_angle_deg"], row.get("sigma_num_deg")
-        found.append(Population(f"cell {i}", getattr(request, f"radius_{i}_um"), angle, error))
+        found.append(Stream(f"cell {i}", getattr(request, f"radius_{i}_um"), angle, error))
     return found
 
 
@@ -182,17 +183,22 @@ def _write_passage(
     passages = {}
     for i, run in enumerate(verified, start=1):
         write_vtkhdf(run.shapes, paths[f"cell_{i}"], about)
-        angle = run.row["migration_angle_deg"]
-        result = run.row["status"] if angle is None else f"{angle:.2f}°, {run.row['mode']}"
-        passages[f"cell {i}, set {run.row['stiffness_set']}, R "
-                 f"{run.row['cell_radius_um']:g} µm: {result}"] = run.shapes  # fmt: skip
+        passages[passage_label(i, run.row)] = run.shapes
     write_pillars([run.shapes for run in verified], paths["pillars"])
     _write_figure(draw_passage(passages), paths["picture"])
     write_animation(passages, paths["animation"])
 
 
+def passage_label(number: int, row: Mapping[str, Any]) -> str:
+    """A cell type by what it is made of, and what it did."""
+    angle = row["migration_angle_deg"]
+    result = row["status"] if angle is None else f"{angle:.2f}°, {row['mode']}"
+    return (f"cell {number}, k_s {row['ks_uN_per_m']:.3g} µN/m, R {row['cell_radius_um']:g} µm: "
+            f"{result}")
+
+
 def _write_figure(figure, path: Path) -> None:
-    from dldsim.report.figures import render
+    from dldsim.report.style import render
 
     with atomic_path(path) as part:
         part.write_bytes(render(figure, "png"))

@@ -167,7 +167,7 @@ def run_case(name: str, progress: Callable[[str], None] | None = None) -> list[d
                 told = now
                 progress(f"{name}: {rows[-1]['quantity']}, {len(rows)} comparisons made")
             start = time.perf_counter()
-    except Exception as error:
+    except (DldsimError, MemoryError) as error:
         expected = isinstance(error, DldsimError)
         reason = str(error) if expected else f"{type(error).__name__}: {error}"
         wall = time.perf_counter() - start

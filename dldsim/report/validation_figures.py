@@ -1,4 +1,4 @@
-"""The report's figures of the validation; style and small parts from :mod:`dldsim.report.figures`.
+"""The report's figures of the validation; style and small parts from :mod:`dldsim.report.style`.
 
 Every ``draw_…`` takes the table `validation` (pandas) and returns a matplotlib Figure.
 """
@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dldsim.report.figures import (
+from dldsim.report.angle_figures import SCATTER_OF_LAW, critical_size_ratio
+from dldsim.report.style import (
     GREY,
-    SCATTER_OF_LAW,
-    critical_size_ratio,
     dot,
     key,
     legend,

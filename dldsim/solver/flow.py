@@ -7,7 +7,6 @@ With inertia the drive is corrected until the mean velocity is met.
 
 import json
 import math
-import os
 import time
 import zipfile
 from collections.abc import Callable
@@ -19,6 +18,7 @@ import numpy as np
 from dldsim import PHYSICS_VERSION
 from dldsim.config.sections import Flow, Geometry, Numerics
 from dldsim.errors import DldsimError
+from dldsim.files import atomic_path, why_not_read
 from dldsim.solver.jit import aligned_zeros, jit
 from dldsim.solver.lattice import BLOCK, Lattice, collision_parameters, stream_collide, viscosity
 from dldsim.solver.pillars import ArrayLattice, make_array
@@ -196,23 +196,17 @@ class EmptyFlow:
 
     def save(self, path: Path) -> None:
         """Write atomically as .npz."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
         meta = {
             "physics_version": PHYSICS_VERSION,
             **{n: getattr(self, n).model_dump() for n in ("geometry", "flow", "numerics")},
             **{n: getattr(self, n) for n in ("spacing_um", "pitch", "nodes", "steps")},
             "wall_time_s": self.wall_time_s,
         }
-        with part.open("wb") as stream:
+        with atomic_path(path) as part, part.open("wb") as stream:
             np.savez(
                 stream, meta=json.dumps(meta), mobility=self.mobility, body_force=self.body_force,
                 mean_velocity=self.mean_velocity, populations=self.populations,
             )  # fmt: skip
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(path)
 
     @classmethod
     def load(cls, path: Path) -> "EmptyFlow":
@@ -223,13 +217,12 @@ class EmptyFlow:
                 arrays = {n: data[n] for n in data.files if n != "meta"}
                 meta = json.loads(str(data["meta"]))
         except (OSError, TypeError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise DldsimError(
-                f"{path} is not a flow file of dldsim or is damaged ({error}). "
-                "Delete it and run snakemake again."
-            ) from error
+            damaged = (f"{path} is not a flow file of dldsim or is damaged ({error}). Delete it "
+                       "and run snakemake again.")
+            raise DldsimError(why_not_read(path, error) or damaged) from error
         if meta.pop("physics_version", None) != PHYSICS_VERSION:
             raise DldsimError(
-                f"{path} was made by another physics version. Delete it and run snakemake again."
+                f"{path} was made by another physics version. Move it away and run snakemake again."
             )
         sections = {
             "geometry": Geometry(**meta.pop("geometry")),

@@ -6,9 +6,7 @@ reading if it is truncated, foreign, of another kind, or of another physics vers
 
 import json
 import math
-import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +18,7 @@ import pyarrow.parquet as pq
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.errors import DldsimError
+from dldsim.files import atomic_path, why_not_read
 
 METADATA_KEY = b"dldsim"
 
@@ -96,6 +95,11 @@ _LAG = _real("lag_number", "1", "relaxation time of the fluid / time in which th
              "its radius, twice: U·2R/ν where the cell is the largest length")
 _LEFT_OUT = _text("left_out", "what the scene did without")
 _NUMERICS = _text("numerics", "numerics asked for, JSON; the time step may be shorter")
+_REQUESTS = (
+    _text("request", "name of the design request"),
+    _text("status", "answered or failed"),
+    _text("reason", "why it failed"),
+)
 _STATUS = (
     _text("status", "how the run ended"),
     _text("stop_reason", "why it ended so"),
@@ -375,10 +379,10 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         *_GEOMETRY,
         *_nullable(
             _real("mean_migration_angle_deg", "°", "mean over the stiffness sets"),
-            _real("stability_score_deg2", "deg²", "mean squared difference to the neighbours"),
+            _real("robustness_score_deg2", "deg²", "mean squared difference to the neighbours"),
         ),
         _count("neighbours", "geometries that differ in one parameter by one level"),
-        _flag("robust", "among the most stable 15 %"),
+        _flag("robust", "among the most robust 15 %"),
         _text("modes", "modes seen"),
     ),
     "benchmark": (
@@ -499,7 +503,8 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _text("mode", "simulated mode; of both for the difference"),
         _text("status", "status of the outcome; of both for the difference"),
         _real("wall_time_s", "s", "wall time", nullable=True),
-        _flag("agrees", "simulated ± σ_num meets the interval; null: nothing to compare", True),
+        _flag("agrees", "simulated ± σ_num meets the interval; null: nothing to compare, or an "
+              "interval of the difference that includes zero", True),
         _text("verdict", "the same in words"),
         _text("note", "what to know about this row"),
     ),
@@ -538,7 +543,8 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         ),
         _text("pressure_basis", "where permeability and pressure drop come from"),
         _real("throughput_uL_per_h", "µL/h", "flow through the width of the device's array"),
-        _flag("agrees", "whether prediction and simulation agree; null: not comparable", True),
+        _flag("agrees", "whether prediction and simulation agree; null: not comparable, or the "
+              "prediction left the order open", True),
         _flag("separates", "beyond 2 σ_num from all releases, at two settings; null: open", True),
         _text("verdict", "the same in words"),
         _text("stopped", "why the rounds of the request ended"),
@@ -689,6 +695,8 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
         _real("fit_time_s", "s", "time of the fit"),
         _real("simulation_time_s", "s", "wall time of the outcomes learnt from", nullable=True),
     ),
+    "design_requests": _REQUESTS,
+    "verified_requests": _REQUESTS,
     "search_regret": (
         _text("request", "name of the design request"),
         _text("method", "tpe, random, or grid: exhaustive"),
@@ -807,19 +815,19 @@ def read_columns(kind: str, path: Path) -> pa.Table:
         raise DldsimError(
             f"{path} was made by physics version {metadata['physics_version']} (dldsim "
             f"{metadata['dldsim_version']}); this is version {PHYSICS_VERSION} (dldsim "
-            f"{__version__}), whose trajectories differ. Delete results/, or make everything anew "
-            "with `snakemake -j2 all --forceall`."
+            f"{__version__}), whose trajectories differ. Move results/ away, or make everything "
+            "anew with `snakemake -j2 all --forceall`."
         )
     try:
         table = pq.ParquetFile(path).read()
-    except (pa.ArrowException, OSError) as error:
-        raise DldsimError(_damaged(path)) from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DldsimError(_unreadable(path, error)) from error
     if not table.schema.equals(schema(kind)):
         differing = set(table.schema.names) ^ set(schema(kind).names)
         raise DldsimError(
             f"{path} has other columns than a table of kind {kind} in dldsim {__version__} "
             f"({', '.join(sorted(differing)) or 'types or order differ'}); it was made by dldsim "
-            f"{metadata['dldsim_version']}. Delete it and run `snakemake -j2 all`."
+            f"{metadata['dldsim_version']}. Move it away and run `snakemake -j2 all`."
         )
     return table
 
@@ -872,29 +880,15 @@ def describe(path: Path) -> dict:
             "provenance": metadata}
 
 
-@contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
-    """A part file beside `path` that becomes `path` on success and vanishes on failure."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield part
-        with part.open("rb+") as file:
-            os.fsync(file.fileno())
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
 def _stamped(kind: str, target: pa.Schema, provenance: Mapping[str, Any]) -> pa.Schema:
     record = {"kind": kind, "dldsim_version": __version__, "physics_version": PHYSICS_VERSION}
     text = json.dumps(record | dict(provenance), ensure_ascii=False, sort_keys=True)
     return target.with_metadata({METADATA_KEY: text.encode()})
 
 
-def _damaged(path: Path) -> str:
-    return (
+def _unreadable(path: Path, error: Exception) -> str:
+    """Damaged; or good but out of reach, which is no reason to delete it."""
+    return why_not_read(path, error) or (
         f"{path} is not a readable Parquet file: truncated, or of another format. Delete it and "
         "run `snakemake -j2 all`, which makes it anew."
     )
@@ -906,8 +900,8 @@ def _provenance(path: Path) -> dict:
     except FileNotFoundError as error:
         raise DldsimError(f"{path} does not exist. Check the path, or make it with "
                           "`snakemake -j2 all`.") from error
-    except (pa.ArrowException, OSError) as error:
-        raise DldsimError(_damaged(path)) from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise DldsimError(_unreadable(path, error)) from error
     if METADATA_KEY not in metadata:
         raise DldsimError(f"{path} was not written by dldsim: it carries no dldsim metadata. "
                           "Move it out of the results folder, or check the path.")

@@ -93,6 +93,32 @@ def test_join_takes_the_index_of_the_set():
         join_deformation_index(runs, pd.concat([calibration, calibration]))
 
 
+@pytest.mark.parametrize("sets", [[2, 1], [2.0, 1.0], ["2.0", "1"], [" 2", "1 "]])
+def test_join_does_not_mind_the_type_of_a_key(sets):
+    calibration = calibrate(constriction_runs())
+    joined = join_deformation_index(pd.DataFrame({"stiffness_set": sets}), calibration)
+    assert joined["deformation_index"].tolist() == pytest.approx([0.6, 0.5])
+    back = calibration.iloc[:2].assign(stiffness_set=[sets[1], sets[0]])
+    joined = join_deformation_index(pd.DataFrame({"stiffness_set": ["2", "1"]}), back)
+    assert joined["deformation_index"].tolist() == pytest.approx([0.6, 0.5])
+
+
+def test_join_refuses_what_has_no_set():
+    calibration = calibrate(constriction_runs())
+    for nothing in (None, float("nan"), ""):
+        with pytest.raises(DldsimError, match="none named"):
+            join_deformation_index(pd.DataFrame({"stiffness_set": ["1", nothing]}), calibration)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"deformation_index": 7.0}, "0 to 1"), ({"ks_uN_per_m": -1.0}, "-1"),
+    ({"ks_uN_per_m": "5 uN"}, "no number"), ({"velocity_mm_s": True}, "true or false"),
+])  # fmt: skip
+def test_inverse_refuses_a_table_of_nonsense(change, words):
+    with pytest.raises(DldsimError, match=words):
+        stiffness_for(0.55, calibrate(constriction_runs()).assign(**change))
+
+
 @pytest.mark.parametrize("centres", [(0.5, 0.6, 0.7), (0.8, 0.55, 0.3)])
 def test_inverse_inverts(centres):
     calibration = calibrate(constriction_runs(centres))

@@ -6,6 +6,7 @@ import pytest
 
 from dldsim.analysis import sensitivity, surrogate
 from dldsim.analysis.regressors import angle_of
+from dldsim.errors import DldsimError
 from dldsim.tables.parquet import COLUMNS
 from tests.analysis.test_surrogate import make_outcomes
 
@@ -100,10 +101,74 @@ def test_all_tables_of_a_fitted_surrogate():
     assert edge.mean() < 0.75
 
 
-def test_table_of_anybody_needs_no_radius_and_does_not_depend_on_it():
-    needed = ["pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "deformation_index",
-              "migration_angle_deg"]
-    frame = make_outcomes(radii=(5.0, 10.0), indices=(0.5, 0.78))[needed]
-    plain = sensitivity.sobol_of_table(frame, seed=2)
-    other = sensitivity.sobol_of_table(frame.assign(cell_radius_um=3.0), seed=2)
+NEEDED = ["pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "deformation_index",
+          "migration_angle_deg"]
+
+
+@pytest.fixture(scope="module")
+def anybodys():
+    return make_outcomes(radii=(5.0, 10.0), indices=(0.5, 0.78))[NEEDED]
+
+
+@pytest.fixture
+def learnt(monkeypatch):
+    """What the surrogate of a table learns from, lengths over the cell radius, and the notes."""
+    monkeypatch.setattr(sensitivity, "fit", lambda means, seed: means)
+    monkeypatch.setattr(sensitivity, "sobol", lambda model, means, seed: means)
+
+    def of(frame):
+        means, notes = sensitivity.sobol_of_table(frame, seed=2)
+        for name in ("pillar_radius_um", "gap_um"):
+            means[name] /= means["cell_radius_um"]
+        return means.drop(columns="cell_radius_um"), notes
+
+    return of
+
+
+@pytest.mark.parametrize(("change", "note"), [
+    (lambda f: f.assign(migration_angle_deg=-f["migration_angle_deg"]), "turned"),
+    (lambda f: f.assign(migration_angle_deg=np.radians(f["migration_angle_deg"])), None),
+    (lambda f: f.assign(migration_angle_deg=-0.37 * f["migration_angle_deg"]), "turned"),
+    (lambda f: f.assign(pillar_radius_um=2 * f["pillar_radius_um"], gap_um=2 * f["gap_um"]), None),
+    (lambda f: f.drop(columns="stiffness_set"), "stiffness_set"),
+    (lambda f: f.astype({"periodicity": str}).astype({"periodicity": "category"}), None),
+    (lambda f: pd.concat([f, f.assign(migration_angle_deg=np.nan, stiffness_set="x")[:3]]),
+     "3 of 39 rows left out: no migration_angle_deg"),
+    (lambda f: pd.concat([f.assign(replicate=i) for i in (1, 2)]), "are repeats of 36"),
+])  # fmt: skip
+def test_what_is_learnt_of_a_table_depends_on_no_unit_sign_or_type(anybodys, learnt, change, note):
+    expected, none = learnt(anybodys)
+    found, notes = learnt(change(anybodys))
+    pd.testing.assert_frame_equal(found, expected, rtol=1e-12)
+    assert not none and (any(note in n for n in notes) if note else notes == [])
+
+
+def test_indices_of_a_table_depend_on_no_sign_or_radius(anybodys):
+    plain, _ = sensitivity.sobol_of_table(anybodys, seed=2)
+    turned = anybodys.assign(migration_angle_deg=-anybodys["migration_angle_deg"])
+    pd.testing.assert_frame_equal(sensitivity.sobol_of_table(turned, seed=2)[0], plain)
+    other, _ = sensitivity.sobol_of_table(anybodys.assign(cell_radius_um=3.0), seed=2)
     pd.testing.assert_frame_equal(plain, other, rtol=1e-2, atol=1e-2)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda f: f.assign(cell_radius_um="7.5 um"), ["cell_radius_um", "'7.5 um' is no number"]),
+    (lambda f: f.assign(cell_radius_um=7.5e-6), ["cell_radius_um", "In m it would be 7.5 µm"]),
+    (lambda f: f.assign(height_um=np.arange(len(f)) % 2), ["differ in height_um"]),
+])  # fmt: skip
+def test_tables_that_no_surrogate_can_learn_are_refused(anybodys, change, words):
+    with pytest.raises(DldsimError) as error:
+        sensitivity.sobol_of_table(change(anybodys), seed=2)
+    assert all(word in str(error.value) for word in words), error.value
+
+
+def test_many_arrays_are_drawn_from_and_counted(anybodys, learnt, monkeypatch):
+    monkeypatch.setattr(sensitivity, "LEARNT", 10)
+    means, notes = learnt(anybodys)
+    assert any("arrays: 8 of 18 left out" in note for note in notes), notes
+    assert len(means) == 20
+
+
+def test_a_surrogate_that_does_not_vary_has_no_indices():
+    with pytest.raises(DldsimError, match="same angle everywhere"):
+        sensitivity.sobol(Law(lambda r, g, n, d: 0 * r), make_outcomes(), seed=1)

@@ -307,6 +307,17 @@ def test_files_that_do_not_match_are_refused(fitted, tmp_path, spoil, words):
         surrogate.load(model, card)
 
 
+def test_inside_the_hull_no_linear_programme_is_solved(fitted, monkeypatch):
+    """Such a programme takes a thousand times longer than the half-spaces of the hull."""
+    corners = np.array(list(product((5.0, 10.0), (14.0, 22.0), (4, 10))))
+    middle = corners.mean(axis=0)
+    monkeypatch.setattr("scipy.optimize.linprog", None)
+    for r, g, n in [middle, *corners, *(corners + middle) / 2]:
+        assert fitted.distance_outside(r, g, n, 7.5) == 0
+    with pytest.raises(TypeError):
+        fitted.distance_outside(10.1, 18.0, 6, 7.5)
+
+
 def test_domain_is_the_hull_of_the_training_geometries(fitted):
     assert fitted.distance_outside(6, 17, 5, 7.5) == pytest.approx(0, abs=1e-9)
     assert fitted.distance_outside(10, 22, 10, 7.5) == pytest.approx(0, abs=1e-9)

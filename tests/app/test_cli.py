@@ -1,6 +1,7 @@
 """Commands answer in JSON with the tables' column names, and refuse bad input with exit code 2."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -8,13 +9,20 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from dldsim import PHYSICS_VERSION
 from dldsim.app import cli
-from dldsim.tables.parquet import COLUMNS, describe, read_rows, write_table
+from dldsim.app.commands import output
+from dldsim.experiments.vtk import read_vtkhdf
+from dldsim.tables.parquet import COLUMNS, describe, read_rows, read_table, write_table
+from dldsim.tables.user_table import read_user_table
 
 ROOT = Path(__file__).parents[2]
+[COMMANDS] = [action.choices for action in cli.make_parser()._actions
+              if action.dest == "==SUPPRESS=="]
 ARRAY = ["--pillar-radius-um", "5", "--gap-um", "20", "--periodicity", "4"]
+OUTCOMES = ROOT / "dldsim" / "data" / "campaign" / "outcomes.parquet"
 COARSE = ["--spacing-um", "2.5", "--config", str(ROOT / "config.yaml")]
 
 
@@ -28,7 +36,7 @@ def call(capsys, *argv):
     return code, json.loads(out) if out else None, err
 
 
-@pytest.mark.parametrize("command", cli.EXAMPLES)
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_an_example(command, capsys):
     with pytest.raises(SystemExit) as stop:
         cli.main([command, "--help"])
@@ -37,10 +45,58 @@ def test_help_has_an_example(command, capsys):
     assert f"example: python -m dldsim {command}" in text and "--json" in text
 
 
-@pytest.mark.parametrize("command", cli.EXAMPLES)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_names_kinds_and_choices_in_words(command, capsys):
+    with pytest.raises(SystemExit):
+        cli.main([command, "--help"])
+    text = capsys.readouterr().out
+    assert "<class" not in text and "None" not in text
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+@pytest.mark.parametrize("words", [["design", "--help"], ["info", str(OUTCOMES)]])
+def test_any_terminal_shows_all_texts(words, encoding):
+    done = subprocess.run([sys.executable, "-m", "dldsim", *words], cwd=ROOT, capture_output=True,
+                          env={**os.environ, "PYTHONIOENCODING": encoding}, check=False)
+    text = done.stdout.decode(encoding)
+    assert done.returncode == 0, done.stderr
+    assert "?" not in text and ("theta" in text or "angle" in text)
+
+
+def test_every_character_of_the_texts_can_be_spelled(capsys):
+    folder = Path(output.__file__).parent
+    texts = [path.read_text(encoding="utf-8") for path in folder.glob("*.py")]
+    assert len(texts) > 5
+    for command in COMMANDS:
+        with pytest.raises(SystemExit):
+            cli.main([command, "--help"])
+        texts.append(capsys.readouterr().out)
+    texts += [f"{c.unit} {c.description}" for columns in COLUMNS.values() for c in columns]
+    assert {c for c in "".join(texts) if ord(c) > 127} <= set(output.SPELLED)
+
+
+@pytest.mark.parametrize("module", ["dldsim.app.cli", "argparse"])
+def test_interrupted_before_it_begins_there_is_no_traceback(module, tmp_path):
+    """Ctrl-C while the program is still being loaded."""
+    code = (
+        "import builtins, runpy, sys\n"
+        "found = builtins.__import__\n"
+        "def stop(name, *rest, **more):\n"
+        f"    if name == {module!r}: raise KeyboardInterrupt\n"
+        "    return found(name, *rest, **more)\n"
+        "builtins.__import__ = stop\n"
+        "sys.argv = ['dldsim', 'info', 'x']\n"
+        "runpy.run_module('dldsim', run_name='__main__')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True,
+                          check=False)  # fmt: skip
+    assert done.returncode == 130 and done.stderr == "\ndldsim: interrupted.\n"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_examples_parse(command):
-    words = cli.EXAMPLES[command].split()[3:]
-    assert cli._parser().parse_args(words).name == command
+    words = COMMANDS[command].epilog.split()[4:]
+    assert cli.make_parser().parse_args(words).name == command
 
 
 @pytest.mark.parametrize(
@@ -57,7 +113,7 @@ def test_examples_parse(command):
         (["flow", "--gap-um", "20"], ["required", "--pillar-radius-um"]),
         (["constrict", "--group", "G8"], ["--group G8", "G1", "G7"]),
         (["anova", "no.csv"], ["no.csv", "does not exist"]),
-        (["anova", "table.txt"], ["table.txt", ".csv or .parquet"]),
+        (["anova", "table.txt"], ["table.txt", "does not exist"]),
         (["info", "no.parquet"], ["no.parquet", "does not exist"]),
         (["design", "--di1", "0.5"], ["--di2"]),
         (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
@@ -66,6 +122,15 @@ def test_examples_parse(command):
         (["run", *ARRAY, "--set", "1", "--releases", "--release-gap-fraction", "0.3"],
          ["--release-gap-fraction 0.3 has no effect with --releases"]),
         (["run", *ARRAY, "--set", "1", "--releases", "0.5", "1.5"], ["release_gap_fractions"]),
+        (["run", *ARRAY, "--set", "1", "--movie"], ["--movie", "--out DIR"]),
+        (["run", *ARRAY, "--set", "1", "--vtk", "--out", "x", "--releases"], ["no --releases"]),
+        (["constrict", "--set", "1", "--radius-um", "-1"], ["radius_um", "number > 0"]),
+        (["run", *ARRAY, "--set", "1", "--releases", "0.5", "nan"], ["--releases", "'nan'"]),
+        (["run", *ARRAY, "--set", "1", "--gap-um", "nan"], ["--gap-um", "'nan'", "finite"]),
+        (["constrict", "--set", "1", "--release-position-um", "inf"], ["--release-position-um"]),
+        (["stiffness", "--di", "nan"], ["--di", "'nan'", "finite"]),
+        (["stiffness", "--di", "0.7", "--error", "nan"], ["--error", "'nan'"]),
+        (["anova", "table.csv", "--seed", "-1"], ["--seed", "'-1'"]),
     ],
 )
 def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch):
@@ -74,6 +139,29 @@ def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch)
     assert (code, summary) == (2, None)
     assert all(part in message for part in parts), message
     assert "Traceback" not in message
+
+
+@pytest.mark.parametrize(
+    ("argv", "place", "work"),
+    [
+        (["run", *ARRAY, "--set", "1"], "file", "experiments.array_run.simulate_run"),
+        (["flow", *ARRAY], "folder", "solver.flow.solve_empty_array"),
+        (["constrict", "--set", "1"], "file/x", "experiments.constriction.simulate_constriction"),
+        (["validate", "duct-poiseuille"], "folder", "evidence.validation.run_case"),
+        (["validate", "duct-poiseuille"], "x" * 250, "evidence.validation.run_case"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_told_before_the_work(
+    argv, place, work, capsys, monkeypatch, tmp_path
+):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    monkeypatch.setattr(f"dldsim.{work}", None)
+    monkeypatch.chdir(ROOT)
+    code, summary, message = call(capsys, *argv, "--out", tmp_path / place)
+    assert (code, summary) == (2, None)
+    assert f"--out {tmp_path / place}" in message and "Nothing was calculated" in message
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
 
 
 def test_set_without_configuration(capsys, monkeypatch, tmp_path):
@@ -101,10 +189,15 @@ def test_flow_answers_with_the_columns_of_flows(capsys, tmp_path):
 
 def test_run_writes_the_tables_of_the_campaign(capsys, tmp_path):
     code, summary, _ = call(
-        capsys, "run", *ARRAY, *COARSE, "--set", 1, "--max-rows", 2, "--out", tmp_path
-    )
+        capsys, "run", *ARRAY, *COARSE, "--set", 1, "--max-rows", 2, "--out", tmp_path,
+        "--movie", "--vtk",
+    )  # fmt: skip
     assert code == 0
-    row, trajectory = (Path(name) for name in summary["files"])
+    row, trajectory, movie, cell, pillars = (Path(name) for name in summary["files"])
+    assert read_vtkhdf(cell).departure_um(read_table("trajectory", trajectory)) == 0
+    assert pillars.stat().st_size > 500
+    with Image.open(movie) as picture:
+        assert picture.format == "GIF" and picture.n_frames > 10
     [stored] = read_rows("runs", row)
     assert set(summary) == set(stored) | {"files", "sigma_num_deg", "sigma_num_basis"}
     assert summary["run_id"] == stored["run_id"] == "r05.0_g20.0_n04_s1_y0.50"
@@ -129,15 +222,18 @@ def test_run_with_releases_writes_an_outcome(capsys, tmp_path):
 def test_anova_refuses_a_table_of_another_physics_version(capsys, tmp_path, monkeypatch):
     path = tmp_path / "outcomes.parquet"
     write_table("outcomes", [], path, {})
-    monkeypatch.setattr("dldsim.app.cli.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    monkeypatch.setattr("dldsim.tables.user_table.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     code, _, message = call(capsys, "anova", path)
     assert code == 2 and f"made by physics version {PHYSICS_VERSION}" in message
 
 
 def test_constrict_answers_with_the_columns_of_constriction_runs(capsys, tmp_path):
-    code, summary, _ = call(capsys, "constrict", "--set", 1, *COARSE, "--out", tmp_path)
+    code, summary, _ = call(capsys, "constrict", "--set", 1, "--radius-um", 6, *COARSE, "--out",
+                            tmp_path)
     assert code == 0
     row, _ = summary.pop("files")
+    settings = describe(row)["provenance"]["settings"]
+    assert settings["CellShape"]["radius_um"] == 6.0 and settings["Constriction"]["axis"] == "z"
     assert summary == read_rows("constriction_runs", row)[0]
 
 
@@ -150,6 +246,11 @@ def test_stiffness_for_an_index_with_its_interval(capsys, tmp_path):
     code, found, _ = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration", path)
     assert code == 0 and found["ks_uN_per_m"] == pytest.approx(7.5)
     assert found["ks_uN_per_m_low"] < 7 < 8 < found["ks_uN_per_m_high"]
+    frame = read_user_table(path).frame
+    frame.to_csv(tmp_path / "mine.csv", index=False, sep=";", decimal=",")
+    again = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration",
+                 tmp_path / "mine.csv")
+    assert again[:2] == (0, found)
     code, _, message = call(capsys, "stiffness", "--di", 0.9, "--calibration", path)
     assert code == 2 and "0.5 to 0.7" in message
 
@@ -168,8 +269,33 @@ def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
     assert set(summary["rows"][0]) == {c.name for c in COLUMNS["anova"]}
     assert set(summary["diagnostics"][0]) == {c.name for c in COLUMNS["anova_diagnostics"]}
     assert summary["sobol"] or summary["sobol_refused"]
+    assert call(capsys, "anova", tmp_path / "table.csv", "--seed", 2**64 - 1)[0] == 0
     effects = {r["term"]: r["p_value"] for r in summary["rows"] if r["model"] == "main_effects"}
     assert effects["pillar_radius_um"] < 1e-6 < effects["gap_um"]
+
+
+@pytest.mark.parametrize(("name", "found"), [
+    ("anova_excel_semicolon_decimal_comma.csv", "decimal commas"),
+    ("anova_r_factors_dictionary.parquet", "dictionary"),
+    ("anova_inf_angle.csv", ""), ("anova_missing_stiffness_set_3_rows.csv", ""),
+])  # fmt: skip
+def test_anova_reads_the_tables_of_strangers_and_counts_rows(name, found, capsys):
+    path = ROOT / "tests" / "data" / "user_tables" / name
+    code, summary, _ = call(capsys, "anova", path)
+    assert code == 0 and any(found in note for note in summary["found"]) or not found
+    notes = {row["note"] for row in summary["rows"] if row["term"] == "rows"}
+    left_out = {"anova_inf_angle.csv": {"1 of 12 rows left out: infinite migration_angle_deg"},
+                "anova_missing_stiffness_set_3_rows.csv":
+                    {"3 of 12 rows left out: no stiffness_set"}}
+    assert notes == left_out.get(name, set())
+
+
+def test_indices_fail_alone_and_say_why(capsys, tmp_path):
+    table = pd.read_csv(ROOT / "tests" / "data" / "user_tables" / "ANOVA_EXPORT.CSV")
+    table.assign(cell_radius_um="7.5 um").to_csv(tmp_path / "table.csv", index=False)
+    code, summary, _ = call(capsys, "anova", tmp_path / "table.csv")
+    assert code == 0 and summary["rows"] and summary["sobol"] == []
+    assert "'7.5 um' is no number" in summary["sobol_refused"]
 
 
 def test_info_describes_a_table(capsys, tmp_path):

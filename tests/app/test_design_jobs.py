@@ -3,19 +3,33 @@
 import json
 import shutil
 import time
+from pathlib import Path
 
 import pandas as pd
 import pytest
+import yaml
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
-from dldsim.app import design_jobs
-from dldsim.config.sections import DesignRequest, Device, Flow, Numerics, RunControl
+from dldsim.app import cli, design_answers, design_jobs
+from dldsim.config.sections import (
+    DesignRequest,
+    Device,
+    Flow,
+    Numerics,
+    RunControl,
+    Verification,
+    resolve,
+)
+from dldsim.design import finished_campaign
+from dldsim.design.search import search
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import COLUMNS, read_rows, read_table, write_table
 from tests.analysis.test_surrogate import make_outcomes
 from tests.app.test_cli import call
-from tests.design.test_search import make_flows
+from tests.design.test_search import Known, ask, hill, make_flows
+from tests.design.test_verification import Nature, summit
+from tests.design.test_verification import check as check_designs
 
 SETS = {"1": 5.1, "2": 10.0, "3": 20.3}
 ASK = ["--set1", "1", "--set2", "3", "--trials", "30", "--startup-trials", "15"]
@@ -62,6 +76,12 @@ def campaign(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(autouse=True)
+def nowhere(monkeypatch, tmp_path):
+    """No config.yaml in the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
 def test_design_answers_within_a_minute(capsys, campaign, tmp_path):
     start = time.process_time()
     code, summary, _ = call(capsys, "design", *ASK, "--results", campaign, "--output", tmp_path)
@@ -71,15 +91,13 @@ def test_design_answers_within_a_minute(capsys, campaign, tmp_path):
     assert first["pressure_drop_kPa"] > 0 and "interpolated" in first["pressure_basis"]
     assert summary["request"]["deformation_index_std_1"] == 0.01  # the calibration's
     assert summary["verified_designs"] is None
-    for kind in design_jobs.SEARCH:
+    for kind in design_answers.SEARCH:
         assert len(read_rows(kind, tmp_path / f"{kind}.parquet")) > 0
     written = read_rows("designs", tmp_path / "designs.parquet")
     assert [d["gap_um"] for d in summary["designs"]] == [d["gap_um"] for d in written]
 
 
 def test_design_prints_a_summary_to_be_read(capsys, campaign):
-    from dldsim.app import cli
-
     assert cli.main(["design", *ASK, "--results", str(campaign)]) == 0
     text = capsys.readouterr().out
     for words in ("predicted, not simulated", "one thing off", "importance (", "Add --verify",
@@ -106,6 +124,175 @@ def test_impossible_requests_are_told(capsys, campaign, argv, parts):
     code, summary, message = call(capsys, "design", *argv, "--results", campaign)
     assert (code, summary) == (2, None)
     assert all(part in message for part in parts), message
+
+
+def test_a_design_with_a_fixed_dimension_is_written(capsys, campaign, tmp_path):
+    for bounds in (["--gap-um", 16, 16], ["--gap-um", 16, 16, "--pillar-radius-um", 6, 6]):
+        code, summary, _ = call(capsys, "design", *ASK, *bounds, "--candidates", 1,
+                                "--results", campaign, "--output", tmp_path / "made")
+        assert code == 0 and summary["designs"][0]["gap_um"] == 16
+        assert (tmp_path / "made" / "report.html").exists()
+
+
+def test_verified_designs_are_printed_and_written(capsys, campaign, tmp_path, monkeypatch):
+    """With what a simulation would say, from a formula."""
+    asked = {}
+
+    def verify_request(request, settings, chip, model, tables, *, work, files, progress):
+        asked.update(work=work, sets=settings["stiffness_sets"])
+        files.mkdir(parents=True, exist_ok=True)
+        return check_designs(Known(summit), Nature(summit), rounds=1, designs_per_round=1)
+
+    monkeypatch.setattr("dldsim.app.design_answers.verify_request", verify_request)
+    code, summary, _ = call(capsys, "design", *ASK, "--results", campaign, "--verify")
+    assert code == 0 and summary["verified_designs"][0]["verdict"].startswith("separates by")
+    folder = tmp_path / "design-request"
+    assert asked["work"] == Path("design-request/outcomes") and set(asked["sets"]) == {*SETS}
+    assert len(read_rows("verified_designs", folder / "verified_designs.parquet")) == 1
+    assert (folder / "report.html").exists()
+    argv = ["design", *ASK, "--results", campaign, "--verify", "--candidates", 1]
+    assert cli.main(list(map(str, argv))) == 0
+    text = capsys.readouterr().out
+    assert "Simulated differences" in text and "predictions confirmed." in text
+    assert "Add --verify" not in text
+
+
+@pytest.mark.parametrize(
+    ("argv", "parts"),
+    [
+        (["--seed", "-1"], ["--seed", "'-1'", "0 to 18446744073709551615"]),
+        (["--seed", str(2**64)], ["--seed", str(2**64)]),
+        (["--tolerance-um", "nan"], ["--tolerance-um", "'nan'", "finite"]),
+        (["--gap-um", "14", "inf"], ["--gap-um", "'inf'"]),
+        (["--safety-distance-um", "-1"], ["safety_distance_um", "-1.0", "≥ 0"]),
+        (["--trials", "1000000000"], ["trials", "1000000000", "≤ 10000"]),
+        (["--candidates", "1000000000"], ["candidates", "≤ 100"]),
+        (["--request-name", "a" * 250], ["name", "64 at most"]),
+        (["--output", "file"], ["--output", "cannot be written", "Nothing was calculated"]),
+    ],
+)  # fmt: skip
+def test_what_no_search_can_serve_is_told_before_it(capsys, campaign, tmp_path, monkeypatch, argv,
+                                                    parts):
+    monkeypatch.setattr("dldsim.app.design_answers.search", None)
+    (tmp_path / "file").write_text("")
+    code, summary, message = call(capsys, "design", *ASK, *argv, "--results", campaign)
+    assert (code, summary) == (2, None)
+    assert all(part in message for part in parts), message
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_largest_seed_is_served(capsys, campaign):
+    code, summary, _ = call(capsys, "design", *ASK, "--seed", 2**64 - 1, "--results", campaign)
+    assert code == 0 and summary["seed"] == 2**64 - 1
+
+
+CONFIG = (Path(__file__).parents[2] / "config.yaml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "parts"),
+    [
+        ("mean_velocity_mm_s: 0.5", "mean_velocity_mm_s: 5",
+         ["flow.mean_velocity_mm_s = 5.0", "0.5", "mean velocity 0.5 mm/s", "--results"]),
+        ("height_um: 20.0", "height_um: 30.0", ["flow.height_um = 30.0", "channel height 20 µm"]),
+        ("viscosity_mPa_s: 1.5", "viscosity_mPa_s: 1.0", ["flow.viscosity_mPa_s = 1.0"]),
+        ("shape: biconcave", "shape: sphere", ["cell.shape = sphere", "biconcave discs"]),
+        ("radius_um: 7.5", "radius_um: 6", ["cell.radius_um = 6.0", "--r1 and --r2"]),
+        ("ks_uN_per_m: 5.1", "ks_uN_per_m: 9.1", ["stiffness_sets.1.ks_uN_per_m = 9.1", "5.1"]),
+    ],
+)  # fmt: skip
+def test_settings_that_the_campaign_cannot_serve_are_refused(capsys, tmp_path, old, new, parts):
+    ask = ["design", "--set1", "1", "--set2", "5", "--trials", "3", "--startup-trials", "2"]
+    assert old in CONFIG
+    (tmp_path / "config.yaml").write_text(CONFIG, encoding="utf-8")
+    code, summary, _ = call(capsys, *ask)
+    assert code == 0
+    assert summary["holds_for"] == ("biconcave discs of the radii named, channel height 20 µm, "
+                                    "mean velocity 0.5 mm/s")
+    (tmp_path / "config.yaml").write_text(CONFIG.replace(old, new, 1), encoding="utf-8")
+    code, summary, message = call(capsys, *ask)
+    assert (code, summary) == (2, None)
+    assert all(part in message for part in parts), message
+
+
+def test_numerics_matter_only_to_a_simulation(campaign):
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
+    config = resolve(yaml.safe_load(CONFIG), {"numerics": {"spacing_um": 0.8}})
+    request = DesignRequest(name="r", deformation_index_1=0.5, deformation_index_2=0.7,
+                            radius_1_um=7, radius_2_um=7)
+    finished_campaign.check_settings(config, known, request)
+    with pytest.raises(DldsimError, match=r"numerics\.spacing_um = 0\.8 .* 1\.25"):
+        finished_campaign.check_settings(config, known, request, simulate=True)
+
+
+def job_settings(campaign, *requests):
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
+    budget = Verification(rounds=1).model_dump()
+    return {**known.settings, "seed": 1, "design_requests": list(requests), "verification": budget}
+
+
+GOOD = {"name": "good", "stiffness_set_1": "1", "stiffness_set_2": "3", "trials": 20,
+        "startup_trials": 10}
+
+
+def inputs_of(campaign):
+    return {"model": campaign / "surrogate.json", "card": campaign / "surrogate_card.json",
+            "calibration": campaign / "calibration.parquet", "flows": campaign / "flows.parquet"}
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [({"stiffness_set_1": "dead"}, "stiffness set dead"),
+     ({"gap_um": (5.0, 6.0)}, "no geometry within the bounds")],
+)
+def test_a_failed_request_takes_no_other_with_it(campaign, tmp_path, bad, reason):
+    settings = job_settings(campaign, {**GOOD, **bad, "name": "bad"}, GOOD)
+    kinds = (*design_answers.SEARCH, "design_requests")
+    tables = {kind: tmp_path / f"{kind}.parquet" for kind in kinds}
+    said = []
+    design_jobs.design_job(settings, tables=tables, progress=said.append, **inputs_of(campaign))
+    bad_row, good_row = read_rows("design_requests", tables["design_requests"])
+    assert bad_row["status"] == "failed" and reason in bad_row["reason"] and reason in said[0]
+    assert good_row == {"request": "good", "status": "answered", "reason": ""}
+    for kind in design_answers.SEARCH:
+        assert {row["request"] for row in read_rows(kind, tables[kind])} == {"good"}
+    design_jobs.regret_job(settings, table=tmp_path / "regret.parquet", progress=said.append,
+                           **inputs_of(campaign))
+    found = read_rows("search_regret", tmp_path / "regret.parquet")
+    assert {row["request"] for row in found} == {"good"}
+
+
+def test_a_campaign_of_failed_requests_only_has_empty_tables(campaign, tmp_path):
+    settings = job_settings(campaign, {**GOOD, "stiffness_set_1": "dead"})
+    kinds = (*design_answers.SEARCH, "design_requests")
+    tables = {kind: tmp_path / f"{kind}.parquet" for kind in kinds}
+    design_jobs.design_job(settings, tables=tables, progress=print, **inputs_of(campaign))
+    assert not any(read_rows(kind, tables[kind]) for kind in design_answers.SEARCH)
+    out = {name: tmp_path / f"{name}.parquet"
+           for name in ("verifications", "designs", "added", "requests")}
+    design_jobs.verify_job("good", settings, outcomes=campaign / "outcomes.parquet", **out,
+                           files=tmp_path / "files", work=tmp_path / "work", progress=print,
+                           **inputs_of(campaign))
+    [row] = read_rows("verified_requests", out["requests"])
+    assert row["status"] == "failed" and "dead" in row["reason"]
+    assert not read_rows("verified_designs", out["designs"]) and (tmp_path / "files").is_dir()
+    tables = {kind: tmp_path / f"all-{kind}.parquet"
+              for kind in ("verifications", "verified_designs", "verified_requests", "outcomes")}
+    design_jobs.gather_verified(
+        settings, verifications=[out["verifications"]], designs=[out["designs"]],
+        added=[out["added"]], requests=[out["requests"]], tables=tables,
+        outcomes=campaign / "outcomes.parquet", model=tmp_path / "m.json",
+        card=tmp_path / "c.json")
+    assert read_rows("verified_requests", tables["verified_requests"]) == [row]
+
+
+def test_too_few_flows_leave_the_pressure_unknown_and_say_why(campaign, tmp_path):
+    settings = job_settings(campaign, GOOD)
+    flows = read_table("flows", campaign / "flows.parquet").head(3)
+    chip = finished_campaign.make_chip(settings, flows)
+    assert chip.pressure_basis.startswith("not known: 3 flows are too few")
+    with pytest.raises(DldsimError, match="pressure_max_kPa = 1 .*3 flows are too few"):
+        search(Known(hill), ask(pressure_max_kPa=1.0), chip, 1)
 
 
 @pytest.mark.parametrize(
@@ -147,15 +334,15 @@ def test_without_flows_there_is_no_pressure_drop(capsys, campaign, tmp_path):
 
 
 def test_without_a_campaign_the_remedy_is_told(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("dldsim.app.design_jobs.CAMPAIGN_DATA", tmp_path / "none")
+    monkeypatch.setattr("dldsim.design.finished_campaign.CAMPAIGN_DATA", tmp_path / "none")
     code, _, message = call(capsys, "design", *ASK)
     assert code == 2 and "--results" in message
 
 
 def test_a_campaign_of_another_physics_version_gives_no_answer(capsys, campaign, monkeypatch):
-    monkeypatch.setattr("dldsim.app.design_jobs.CAMPAIGN_DATA", campaign)
+    monkeypatch.setattr("dldsim.design.finished_campaign.CAMPAIGN_DATA", campaign)
     assert call(capsys, "design", *ASK)[0] == 0
-    monkeypatch.setattr("dldsim.app.design_jobs.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    monkeypatch.setattr("dldsim.design.finished_campaign.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     code, _, message = call(capsys, "design", *ASK)
     assert code == 2 and f"is of physics version {PHYSICS_VERSION}, this is" in message
     code, _, message = call(capsys, "stiffness", "--di", 0.6)
@@ -164,24 +351,25 @@ def test_a_campaign_of_another_physics_version_gives_no_answer(capsys, campaign,
 
 def test_a_kept_campaign_answers_like_its_results(campaign, tmp_path):
     kept = tmp_path / "kept"
-    design_jobs.keep_campaign(campaign, kept)
-    first, second = (design_jobs.read_campaign(place, Device(), 2.0) for place in (campaign, kept))
+    finished_campaign.keep_campaign(campaign, kept)
+    first, second = (finished_campaign.read_campaign(place, Device(), 2.0)
+                     for place in (campaign, kept))
     assert first.settings == second.settings and first.model.card == second.model.card
     for kind, table in first.tables.items():
         assert table.equals(second.tables[kind])
     (kept / "flows.parquet").unlink()
     with pytest.raises(DldsimError, match=r"flows\.parquet"):
-        design_jobs.keep_campaign(kept, tmp_path / "again")
+        finished_campaign.keep_campaign(kept, tmp_path / "again")
 
 
 def test_settings_are_those_of_the_runs(campaign):
-    known = design_jobs.read_campaign(campaign, Device(), 2.0)
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
     assert Flow(**known.settings["flow"]) == Flow()
     assert known.settings["flow"]["viscosity_mPa_s"] == 1.5
     assert Numerics(**known.settings["numerics"]) == Numerics()
     assert known.settings["run_control"]["max_rows"] == 7
     assert known.settings["stiffness_sets"]["3"]["ks_uN_per_m"] == 20.3
-    scene = design_jobs.scene_of(known.settings)
+    scene = design_answers.scene_of(known.settings)
     assert scene.cell.axis == "y" and scene.flow.height_um == 20.0
 
 
@@ -189,16 +377,16 @@ def test_runs_of_several_channels_are_refused(campaign):
     outcomes = read_table("outcomes", campaign / "outcomes.parquet")
     outcomes.loc[0, "height_um"] = 30.0
     with pytest.raises(DldsimError, match="mixes several values of height_um"):
-        design_jobs.settings_of_outcomes(outcomes)
+        finished_campaign.settings_of_outcomes(outcomes)
 
 
 def test_spread_of_a_set_is_the_calibrations(campaign):
     calibration = read_table("calibration", campaign / "calibration.parquet")
     request = DesignRequest(name="r", stiffness_set_1="1", deformation_index_2=0.7,
                             deformation_index_std_2=0.02)
-    resolved = design_jobs.by_deformation_index(request, calibration)
+    resolved = design_answers.by_deformation_index(request, calibration)
     assert resolved.deformation_index_1 == pytest.approx(0.5)
     assert resolved.deformation_index_std_1 == pytest.approx(0.01)
     assert resolved.deformation_index_std_2 == 0.02
     with pytest.raises(DldsimError, match="need a calibration"):
-        design_jobs.by_deformation_index(request, None)
+        design_answers.by_deformation_index(request, None)

@@ -1,5 +1,6 @@
 """A crash becomes a row with its reason, so that the campaign goes on."""
 
+import errno
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from dldsim.config import campaign
 from dldsim.config.sections import read_config
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_run import MIGRATION, RunResult, known_of, migration_of
+from dldsim.experiments.outcome_files import OutcomeFiles, Partial
 from dldsim.tables.parquet import COLUMNS, read_rows, write_table
 
 GEOMETRY = "r05.0_g20.0_n04"
@@ -22,7 +24,7 @@ OF_SET = SETTINGS | {"stiffness": SETTINGS["stiffness_sets"]["1"]}
 
 
 def outcome_files(folder):
-    return jobs.OutcomeFiles(*(folder / f"{kind}.parquet" for kind in jobs.OutcomeFiles._fields))
+    return OutcomeFiles(*(folder / f"{kind}.parquet" for kind in OutcomeFiles._fields))
 
 
 @pytest.fixture
@@ -115,7 +117,7 @@ def test_an_interrupted_outcome_loses_only_the_release_under_way(files, monkeypa
 
     monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
     other = OF_SET | {"flow": OF_SET["flow"] | {"mean_velocity_mm_s": 2.0}}
-    assert jobs.Partial(tmp_path / "p", OUTCOME, other).finished([0.5]) == {}
+    assert Partial(tmp_path / "p", OUTCOME, other).finished([0.5]) == {}
     asked.clear()
     tables = do(files, tmp_path)
     assert asked == [0.2]  # two that agree, far from the transition, are enough
@@ -166,7 +168,7 @@ def test_a_crash_keeps_the_finished_releases(files, monkeypatch, tmp_path):
     assert (row["releases"], row["rows_total"], row["migration_angle_deg"]) == (1, 4, None)
     assert [r["release_gap_fraction"] for r in read_rows("runs", tables.runs)] == [0.5]
     settings = OF_SET
-    assert [*jobs.Partial(tmp_path / "p", OUTCOME, settings).finished([0.5, 0.2])] == [0.5]
+    assert [*Partial(tmp_path / "p", OUTCOME, settings).finished([0.5, 0.2])] == [0.5]
 
 
 def test_a_row_of_runs_gives_its_migration_back():
@@ -192,6 +194,26 @@ def test_crashed_constriction_becomes_a_row(tmp_path, monkeypatch):
     assert said == ["too fast"]
 
 
+@pytest.mark.parametrize("error", [TypeError("a bug"), ZeroDivisionError("by zero"),
+                                   OSError(5, "Input/output error")])
+def test_a_bug_stops(error, files, monkeypatch, tmp_path):
+    """It is no row that the analyses go on without; likewise in the other jobs."""
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(error))
+    monkeypatch.setattr("dldsim.experiments.constriction.simulate_constriction", crash(error))
+    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", crash(error))
+    group = {"group": SETTINGS["constriction_groups"]["G1"], "release_position_um": 3.0}
+    with pytest.raises(type(error)):
+        jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
+    with pytest.raises(type(error)):
+        jobs.constriction_job("G1_1", SETTINGS | group, row=files["row"], progress=print,
+                              trajectory=tmp_path / "t.parquet", crashes=files["crashes"])
+    assert not files["row"].exists() and not files["crashes"].exists()
+    finished_flow(files, monkeypatch)
+    with pytest.raises(type(error)):
+        do(files, tmp_path)
+    assert not outcome_files(tmp_path).outcome.exists() and not files["crashes"].exists()
+
+
 def test_interruption_is_no_crash(files, monkeypatch):
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(KeyboardInterrupt()))
     with pytest.raises(KeyboardInterrupt):
@@ -211,3 +233,48 @@ def test_log_takes_everything_and_bad_input_has_no_traceback(tmp_path, capsys):
     with pytest.raises(ValueError), jobs.job_log(log):
         raise ValueError("odd")
     assert "Traceback" in log.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("error", "code", "part"), [
+    (OSError(errno.ENOSPC, "No space left on device", "results/a.parquet"), 1, "Make room"),
+    (OSError(errno.EROFS, "Read-only file system", "results/a.parquet"), 1, "--directory"),
+    (KeyboardInterrupt(), 130, ""),
+])
+def test_a_full_disk_and_ctrl_c_have_no_traceback(error, code, part, tmp_path, capsys):
+    log = tmp_path / "a.log"
+    with pytest.raises(SystemExit) as stop, jobs.job_log(log):
+        raise error
+    said = capsys.readouterr().err
+    assert stop.value.code == code and part in said and said.count("\n") == bool(part)
+    assert stop.value.__suppress_context__ and "Traceback" not in log.read_text(encoding="utf-8")
+
+
+def test_a_log_on_a_full_disk_is_told_in_one_line(capsys):
+    with pytest.raises(SystemExit), jobs.job_log(Path("/dev/full")) as progress:
+        progress("step 1 of 2")
+    assert capsys.readouterr().err.startswith("No space left on device")
+
+
+def test_a_flow_that_cannot_be_written_leaves_no_part(files, monkeypatch, tmp_path):
+    """Neither a row of status failed: the disk is to blame, not the array."""
+    from dldsim.solver.flow import EmptyFlow
+
+    class Flow:
+        geometry = flow = numerics = CONFIG.cell
+        spacing_um = pitch = nodes = steps = wall_time_s = 1
+        mobility = body_force = mean_velocity = populations = np.zeros(3)
+
+        def summary(self):
+            row = dict.fromkeys((c.name for c in COLUMNS["flows"]), 1.0)
+            return row | {"drive": "axial", "status": "steady"}
+
+        save = EmptyFlow.save
+
+    def full(*arguments, **options):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", lambda *sections: Flow())
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(OSError):
+        jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
+    assert not [*tmp_path.glob("**/*.part")] and not files["crashes"].exists()

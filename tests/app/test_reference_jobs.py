@@ -80,7 +80,9 @@ def results(tmp_path_factory, config, pairs):
                                      simulate=simulate)
             before = table
         searches.append((name, before))
-    reference_jobs.gather_gaps(searches, config, SETTINGS, gaps=folder / "critical_gaps.parquet",
+    sections = {"reference", "cell", "flow", "numerics", "run_control", "stiffness_sets"}
+    reference_jobs.gather_gaps(searches, config.model_dump(mode="json", include=sections),
+                               gaps=folder / "critical_gaps.parquet",
                                convergence=folder / "convergence.parquet")
     return folder.parent
 

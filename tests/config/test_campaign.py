@@ -1,5 +1,6 @@
 """Identifiers are their own inverse; the campaign lists what the sweep says."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,13 @@ def test_constrictions_count_groups_and_positions():
     assert len(campaign.constrictions(alone)) == 14
 
 
+def test_children_import_from_the_folder_of_the_workflow(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", "/a:/b")
+    for _ in range(2):
+        campaign.import_from(Path("/c d"))
+        assert os.environ["PYTHONPATH"] == "/c d:/a:/b"
+
+
 def test_seeds_differ_by_name_and_repeat():
     seeds = {campaign.derive_seed(seed, name) for seed in range(4) for name in "abc"}
     assert len(seeds) == 12
@@ -122,6 +130,15 @@ def test_crashes_are_counted(tmp_path):
         assert campaign.count_crashes(tmp_path, "run") == count
 
 
+@pytest.mark.parametrize("content", ["", "\n", "two\n", "\x00\x00"])
+def test_a_damaged_record_blocks_nothing_and_is_tried_again(content, tmp_path):
+    campaign.record_crash(tmp_path, "run", "out of memory")
+    (tmp_path / "run.txt").write_text(content)
+    assert campaign.count_crashes(tmp_path, "run") == campaign.DAMAGED
+    campaign.record_crash(tmp_path, "run", "out of memory")
+    assert campaign.count_crashes(tmp_path, "run") == 1
+
+
 def test_stamp_of_other_physics_is_refused(tmp_path):
     campaign.check_stamp(tmp_path)
     stamp = tmp_path / campaign.STAMP
@@ -129,7 +146,7 @@ def test_stamp_of_other_physics_is_refused(tmp_path):
     with pytest.raises(DldsimError, match="--forceall"):
         campaign.check_stamp(tmp_path)
     stamp.write_text("{")
-    with pytest.raises(DldsimError, match="damaged"):
+    with pytest.raises(DldsimError, match="delete .* alone, and all results are used"):
         campaign.check_stamp(tmp_path)
 
 

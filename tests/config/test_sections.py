@@ -16,6 +16,7 @@ from dldsim.config.sections import (
     merge,
     read_config,
     resolve,
+    sections_from,
     smallest_passable_um,
     validate,
 )
@@ -99,6 +100,30 @@ def test_command_line_numbers_come_as_text():
     config = resolve(RAW, {"numerics": {"kernel": "4-point"}, "sweep": {"stiffness_sets": ["1"]}})
     assert config.numerics.kernel == "4-point"
     assert config.sweep.stiffness_sets == ["1"]
+
+
+def test_later_configurations_win_each_with_its_preset_over_its_shared_sections():
+    raw = merge(RAW, {"numerics": {"rows": 2}})
+    raw["presets"] = merge(RAW["presets"], {"quick": {"numerics": {"spacing_um": 0.9, "rows": 3}}})
+    mine = {"numerics": {"spacing_um": 0.7, "rows": 4}}
+    assert resolve(raw, files=[mine]).numerics.spacing_um == 0.7
+    assert resolve(raw, {"numerics": {"rows": 5}}, [mine]).numerics.rows == 5
+    whole = mine | {"presets": {"quick": {"numerics": {"rows": 6}}}}
+    numerics = resolve(raw, files=[whole]).numerics
+    assert (numerics.spacing_um, numerics.rows) == (0.7, 6)
+    own = {"preset": "mine", "presets": {"mine": raw["presets"]["tiny"]}}
+    assert resolve(raw, files=[own]).preset == "mine"
+    assert resolve(raw, {"preset": "tiny"}, [own]).preset == "tiny"
+    with pytest.raises(DldsimError, match="presets.quick must be a mapping"):
+        resolve(raw, files=[{"presets": {"quick": 5}}])
+
+
+def test_a_job_has_the_sections_that_it_was_handed_out_and_no_others():
+    config = resolve(RAW)
+    given = sections_from(config.model_dump(mode="json", include={"cell", "stiffness_sets"}))
+    assert given.cell == config.cell and given.stiffness_sets == config.stiffness_sets
+    with pytest.raises(AttributeError):
+        _ = given.flow
 
 
 def test_not_a_configuration(tmp_path):

@@ -13,7 +13,7 @@ from PIL import Image
 
 from dldsim import PHYSICS_VERSION
 from dldsim.config.sections import Cell, DesignRequest, Device, Flow, Geometry, Numerics, RunControl
-from dldsim.design.export import FILES, Verified, describe, export_design, make_populations
+from dldsim.design.export import FILES, Verified, describe, export_design, make_streams
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_run import simulate_outcome
 from dldsim.experiments.vtk import Recorder
@@ -83,7 +83,8 @@ def test_every_file_opens_and_shows_the_same_array(files):
     [top] = gdstk.read_gds(files["gds"]).top_level()
     pillar = top.get_polygons(layer=DEVICE.layer_pillars, datatype=0)[0].points
     assert np.ptp(pillar, axis=0) / 2 == pytest.approx([5, 5], abs=1e-3)
-    block = ezdxf.readfile(files["dxf"]).blocks.get("PILLAR")
+    block = ezdxf.readfile(files["dxf"]).blocks
+    [block] = (b for b in block if b.name.endswith("_PILLAR"))
     assert [c.dxf.radius for c in block] == [5.0]
     for kind in ("cell_1", "cell_2", "pillars"):
         with h5py.File(files[kind]) as content:
@@ -173,7 +174,7 @@ def test_files_of_an_earlier_verification_do_not_stay(tmp_path):
 
 def test_a_run_without_an_angle_leaves_the_prediction(verified):
     stuck = verified[0]._replace(row={**verified[0].row, "migration_angle_deg": None})
-    first, second = make_populations(DESIGN, REQUEST, [stuck, verified[1]])
+    first, second = make_streams(DESIGN, REQUEST, [stuck, verified[1]])
     assert first.angle_deg == DESIGN["angle_1_deg"]
     assert second.angle_deg == verified[1].row["migration_angle_deg"]
 

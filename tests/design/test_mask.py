@@ -1,6 +1,8 @@
 """Photomasks: files are opened again with their libraries and measured."""
 
 import math
+import re
+from dataclasses import replace
 
 import ezdxf
 import gdstk
@@ -9,7 +11,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from dldsim.config.sections import Device, Geometry
-from dldsim.design.mask import Population, draw_mask, make_layout, write_dxf, write_gds
+from dldsim.design.layout import Stream, make_layout
+from dldsim.design.mask import draw_mask, write_dxf, write_gds
 from dldsim.errors import DldsimError
 
 NM = 1e-3
@@ -20,7 +23,7 @@ GEOMETRIES = [(7.3218, 16.345, 8), (5.0, 12.0, 4), (12.0, 22.0, 11), (6.0, 14.0,
 
 def layout_of(radius, gap, periodicity, device=SMALL, angles=(0.4, 4.0)):
     geometry = Geometry(pillar_radius_um=radius, gap_um=gap, periodicity=periodicity)
-    cells = [Population(f"cell {i}", 7.5, a, 0.5) for i, a in enumerate(angles, 1)]
+    cells = [Stream(f"cell {i}", 7.5, a, 0.5) for i, a in enumerate(angles, 1)]
     return make_layout(geometry, device, cells, "a-design-01")
 
 
@@ -135,10 +138,10 @@ def test_gaps_at_the_side_walls(made):
 
 def test_one_pillar_cell_is_repeated(made, tmp_path):
     (radius, gap, periodicity), top, _ = made
-    cells = {c.name: c for c in top.dependencies(True)}
+    cells = {c.name.rpartition("_")[2]: c for c in top.dependencies(True)}
     assert len(cells["PILLAR"].polygons) == 1
     assert all(not c.polygons for name, c in cells.items() if name != "PILLAR")
-    [periods] = [r for r in top.references if r.cell.name == "PERIOD"]
+    [periods] = [r for r in top.references if r.cell.name.endswith("_PERIOD")]
     assert periods.repetition.columns == math.floor(1500 / (2 * radius + gap)) // periodicity
 
 
@@ -189,7 +192,7 @@ def test_expected_exits_follow_from_the_angles():
 
 def test_an_unknown_error_gives_no_range():
     geometry = Geometry(pillar_radius_um=6, gap_um=14, periodicity=8)
-    cells = [Population("a", 7.5, 1.0), Population("b", 7.5, 5.0)]
+    cells = [Stream("a", 7.5, 1.0), Stream("b", 7.5, 5.0)]
     for exit_ in make_layout(geometry, Device(), cells, "d").expected()["populations"]:
         assert exit_["exit_lowest_um"] is exit_["exit_highest_um"] is None
 
@@ -222,7 +225,28 @@ def test_rows_that_are_whole_periods(tmp_path):
     write_gds(layout_of(6, 14, 8, device), tmp_path / "d.gds")
     [top] = gdstk.read_gds(tmp_path / "d.gds").top_level()
     assert len(np.unique(np.round(gds_centres(top)[:, 0], 2))) == 16
-    assert "LAST_ROWS" not in {c.name for c in top.dependencies(True)}
+    assert not [c.name for c in top.dependencies(True) if c.name.endswith("LAST_ROWS")]
+
+
+def test_two_designs_fit_into_one_layout(tmp_path):
+    """Also two of one name, as commands give them; names are those that GDSII allows."""
+    names = []
+    for i, (radius, name) in enumerate([(6, "a-design-01"), (7, "a-design-01"), (6, "b" * 80)]):
+        layout = replace(layout_of(radius, 14, 8), name=name)
+        write_gds(layout, tmp_path / f"{i}.gds")
+        write_dxf(layout, tmp_path / f"{i}.dxf")
+        [top] = gdstk.read_gds(tmp_path / f"{i}.gds").top_level()
+        names += [top.name, *(c.name for c in top.dependencies(True))]
+        blocks = ezdxf.readfile(tmp_path / f"{i}.dxf").blocks
+        names += [f"{b.name}-dxf" for b in blocks if b.name.endswith("_PILLAR")]
+    assert len(names) == len(set(names)) == 3 * 5
+    assert all(re.fullmatch(r"[A-Za-z0-9_?$]{1,32}", name.removesuffix("-dxf")) for name in names)
+
+
+def test_the_two_lengths_are_explained():
+    layout = layout_of(6, 14, 8, Device())
+    notes = " ".join(layout.expected()["notes"])
+    assert "4.99 mm long: the 192 whole rows" in notes and "lateral_separation_um" in notes
 
 
 def test_facets_follow_the_tolerance(tmp_path):

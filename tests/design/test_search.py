@@ -8,16 +8,10 @@ import pytest
 
 from dldsim.analysis import surrogate
 from dldsim.config.sections import DesignRequest, Device, Flow
-from dldsim.design.search import (
-    Chip,
-    Resistance,
-    Task,
-    regret,
-    search,
-    squeezed_width_um,
-    transition_geometries,
-    violations,
-)
+from dldsim.design.candidates import transition_geometries
+from dldsim.design.chip import Chip, Resistance
+from dldsim.design.search import regret, search
+from dldsim.design.task import Task, squeezed_width_um, violations
 from dldsim.errors import DldsimError
 from tests.analysis.test_surrogate import make_outcomes
 
@@ -370,6 +364,43 @@ def test_slices_pass_through_the_best_candidate():
         assert sorted(set(table["x"])) == list(range(4, 13))
 
 
+FIXED = [{"gap_um": (16, 16)}, {"pillar_radius_um": (7, 7), "periodicity": (8, 8)},
+         {"pillar_radius_um": (7, 7), "gap_um": (16, 16), "periodicity": (8, 8)}]
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "grid"])
+@pytest.mark.parametrize("bounds", FIXED)
+def test_fixed_dimensions_have_no_slices(bounds, sampler):
+    request = ask(**bounds, sampler=sampler, trials=20)
+    result = search(Known(hill), request, CHIP, 1)
+    shown = {*result.slices["x_parameter"], *result.slices["y_parameter"]}
+    assert not shown & set(bounds) and len(shown) == (0 if len(bounds) > 1 else 2)
+    for name, (value, _) in bounds.items():
+        assert (result.designs[name] == value).all()
+    places = result.slices[["x_parameter", "y_parameter", "x", "y"]]
+    assert not places.duplicated().any() and "edge" not in result.designs["verdict"].str.cat()
+    if sampler == "grid":
+        assert not result.trials[["pillar_radius_um", "gap_um", "periodicity"]].duplicated().any()
+
+
+def test_arrays_near_a_transition_are_apart_where_a_dimension_is_fixed():
+    """A fixed gap that differs from all known ones must not drown the other distances."""
+    def ramp(r, g, n, d, cell):
+        return np.degrees(np.arctan(np.clip((r - 5) / 4, 0, 1) / n))
+
+    known = pd.DataFrame({"pillar_radius_um": [7.0], "gap_um": [18.0], "periodicity": [12]})
+    task = Task(Known(ramp), ask(gap_um=(16, 16)), CHIP, seed=1)
+    assert transition_geometries(task, known, 1)[0]["periodicity"] == 4
+
+
+def test_a_best_candidate_on_a_bound_is_flagged():
+    rising = found(Known(lambda r, g, n, d, cell: d * (g + n)), ask(), seed=1)[0].iloc[0]
+    assert "on the edge of the search (gap_um = " in rising["verdict"]
+    assert "periodicity = 12, highest bound 12" in rising["verdict"]
+    inside = found(Known(hill), ask(), seed=1)[0].iloc[0]
+    assert "edge" not in inside["verdict"]
+
+
 # ------------------------------------------------------------------------------ length and pressure
 
 
@@ -439,7 +470,7 @@ def test_pressure_limit_needs_flows():
         search(Known(hill), ask(pressure_max_kPa=1.0), CHIP, 1)
     designs, _ = found(Known(hill), ask(trials=20), seed=1)
     assert designs["pressure_drop_kPa"].isna().all()
-    assert (designs["pressure_basis"] == "not known").all()
+    assert (designs["pressure_basis"] == "not known: there is no table of flows").all()
 
 
 def test_flows_of_several_heights_are_refused():

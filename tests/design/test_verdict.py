@@ -5,7 +5,7 @@ import math
 import pytest
 
 from dldsim.config.sections import Geometry, Numerics
-from dldsim.design.verification import _design_verdict, parts, separated
+from dldsim.design.verdict import design_verdict, parts, separated
 from dldsim.solver.pillars import next_finer, whole_shift_spacing
 
 
@@ -20,7 +20,7 @@ def verdict(found, sigma, finer):
     first, second = (row["migration_angle_deg"] for row in found)
     difference = {"simulated_deg": second - first, "sigma_num_deg": sigma,
                   "predicted_deg": 2.0, "verdict": "predicted so", "note": ""}  # fmt: skip
-    return _design_verdict(difference, found, finer, separated(found, sigma, finer))
+    return design_verdict(difference, found, finer, separated(found, sigma, finer))
 
 
 def test_parting_needs_two_sigma_and_more_than_the_releases_spread():

@@ -9,16 +9,10 @@ import pytest
 
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.config.sections import Verification as Budget
-from dldsim.design.verification import (
-    Population,
-    Scene,
-    Simulator,
-    conditions,
-    make_populations,
-    plain,
-    stiffness_at,
-    verify,
-)
+from dldsim.design.populations import Population, make_populations, stiffness_at
+from dldsim.design.rounds import verify
+from dldsim.design.simulator import Scene, Simulator, conditions
+from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
 from dldsim.experiments import array_run
 from dldsim.experiments.migration import mode_of
@@ -137,13 +131,16 @@ def test_budget_is_never_exceeded():
     assert verdicts.designs["stopped"].iloc[0] == "round 1: budget of 5 outcomes spent"
 
 
-def test_a_wide_interval_confirms_nothing_and_the_rounds_go_on():
+def test_an_interval_that_includes_zero_confirms_nothing_and_the_rounds_go_on():
     vague = Known(summit, half=20.0)
     verdicts = check(vague, Nature(summit), rounds=2, designs_per_round=1)
     table = differences(verdicts)
-    assert table["agrees"].tolist() == [True, True]
-    assert table["verdict"].str.contains("left the order open").all()
+    assert table["agrees"].tolist() == [None, None]
+    assert table["verdict"].str.startswith("prediction uninformative: its interval, -").all()
+    assert "prediction confirmed" not in " ".join(verdicts.designs["verdict"])
     assert verdicts.designs["stopped"].iloc[0] == "2 rounds done"
+    missed = differences(check(vague, Nature(lambda r, g, n, d, cell: 200 * d), rounds=1))
+    assert missed["agrees"].tolist() == [False, False]  # that much says even a wide interval
 
 
 def test_a_separation_within_the_numerical_uncertainty_is_none():
@@ -259,6 +256,9 @@ def test_a_named_set_is_simulated_as_it_is():
     first, second = make_populations(request, ask(deformation_index_1=0.4), CALIBRATION, SETS)
     assert first.stiffness == SETS["soft"] and first.basis == "stiffness set soft"
     assert first.deformation_index == 0.4
+    with pytest.raises(DldsimError, match="stiffness_set_1 = other was not .* soft, stiff"):
+        make_populations(ask(deformation_index_1=None, stiffness_set_1="other"),
+                         ask(deformation_index_1=0.4), CALIBRATION, SETS)
     # k_b is the sets', not the group's, which differs as in the source's table
     assert second.stiffness == SETS["stiff"] and "inverse of the calibration" in second.basis
 

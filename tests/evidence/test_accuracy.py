@@ -10,7 +10,7 @@ from dldsim.config.sections import Accuracy, read_config
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
 from dldsim.evidence.accuracy import DEFAULT, LONG, REFERENCE, SETTING, Variant
-from dldsim.report import accuracy_figures, figures
+from dldsim.report import accuracy_figures, style
 from dldsim.tables.parquet import COLUMNS, write_table
 
 ONE = "r05.0_g20.0_n04_s1"
@@ -222,4 +222,4 @@ def test_every_figure_draws(points, config, runs):
         accuracy_figures.draw_knobs(table, "deformation_index"),
         accuracy_figures.draw_pareto(table), accuracy_figures.draw_gains(table),
     ):
-        assert figures.render(figure, "svg").startswith(b"<?xml")
+        assert style.render(figure, "svg").startswith(b"<?xml")

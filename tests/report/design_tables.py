@@ -50,7 +50,10 @@ def make_design_tables(request: str, folder=None) -> dict[str, pd.DataFrame]:
         })
         for a, b in (("pillar_radius_um", "gap_um"), ("periodicity", "gap_um"))
     ], ignore_index=True)
+    refused = pd.DataFrame({"request": [request, "dead"], "status": ["answered", "failed"],
+                            "reason": ["", "no <range> left"]})
     return {
+        "design_requests": refused, "verified_requests": refused,
         "designs": designs, "design_trials": trials, "design_tolerances": tolerances,
         "design_importance": importance, "design_slices": slices,
         "verifications": make_verifications(request), "verified_designs": make_verified(request),

@@ -12,6 +12,8 @@ rule accuracy_run:
         f"{RESULTS}/logs/accuracy_run/{{variant}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/accuracy_run/{{variant}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "accuracy run {wildcards.variant}"
     script:
@@ -26,12 +28,15 @@ rule accuracy:
         csv=f"{RESULTS}/accuracy.csv",
     params:
         variants=VARIANTS,
-        config=CONFIG.model_dump(mode="json"),
-        settings=settings_of("accuracy", "numerics", "run_control"),
+        settings=gathered(
+            VARIANTS, "accuracy", "cell", "constriction", "numerics", "run_control"
+        ),
     log:
         f"{RESULTS}/logs/accuracy.log",
     benchmark:
         f"{RESULTS}/benchmarks/accuracy.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "compare the accuracy runs"
     script:

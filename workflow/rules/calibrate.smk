@@ -15,6 +15,8 @@ rule constrict:
         f"{RESULTS}/logs/constrict/{{constriction}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/constrict/{{constriction}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "constriction run {wildcards.constriction}"
     script:
@@ -31,11 +33,13 @@ rule constriction_runs:
         csv=f"{RESULTS}/constriction_runs.csv",
     params:
         kind="constriction_runs",
-        settings=settings_of(),
+        settings=gathered(CONSTRICTIONS),
     log:
         f"{RESULTS}/logs/constriction_runs.log",
     benchmark:
         f"{RESULTS}/benchmarks/constriction_runs.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the constriction runs"
     script:
@@ -56,6 +60,8 @@ rule calibration:
         f"{RESULTS}/logs/calibration.log",
     benchmark:
         f"{RESULTS}/benchmarks/calibration.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "calibrate the deformation index of each stiffness group"
     script:

@@ -2,27 +2,62 @@
 # the configuration itself: a job is made anew when its parameters change, so these functions hand
 # out exactly the settings that a job depends on, and the physics version.
 
+import hashlib
+import os
 import sys
+from functools import partial
 from pathlib import Path
 
+from snakemake.cli import get_argument_parser
 from snakemake.exceptions import WorkflowError
+from snakemake.io import apply_wildcards
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
+from dldsim.app import freshness
 from dldsim.config import campaign
 from dldsim.evidence import accuracy, reference_study, spot_check
-from dldsim.config.sections import CELL_NUMERICS, resolve
+from dldsim.config.sections import CELL_NUMERICS, read_layer, resolve
 from dldsim.errors import DldsimError
 from dldsim.evidence.stability_sweep import FAMILIES
 from dldsim.evidence.validation import CASES
 
+campaign.import_from(Path(workflow.basedir))
+campaign.quote_interpreter()
+
 RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
 
+
+def refuse(check, folder, option):
+    """Stop where a check of a folder fails, unless Snakemake was given this option."""
+    try:
+        check(Path(folder))
+    except DldsimError:  # only now, since the options are not parsed for us
+        if not vars(get_argument_parser().parse_known_args(sys.argv[1:])[0])[option]:
+            raise
+
+
+def configurations():
+    """What we ship, the files that the user names, the command line: by name, later ones win."""
+    given = workflow.config_settings
+    layers = {}
+    if not given.replace_workflow_config:
+        layers["config.yaml"] = read_layer(Path(workflow.basedir) / "config.yaml")
+    layers |= {os.path.relpath(path): read_layer(path) for path in given.configfiles}
+    return layers | {"the command line": dict(given.config)}
+
+
 try:
-    CONFIG = resolve(config, overrides=workflow.config_settings.config)
-    if workflow.is_main_process and not {"--forceall", "-F"} & set(sys.argv):
-        campaign.check_stamp(Path(RESULTS))
+    LAYERS = configurations()
+    *FILES, COMMAND_LINE = LAYERS.values()
+    CONFIG = resolve({}, COMMAND_LINE, FILES)
+    if workflow.is_main_process:
+        logger.info(campaign.origins(LAYERS))
+    if workflow.is_main_process:
+        for folder in filter(os.path.exists, (".", RESULTS)):
+            refuse(campaign.check_writable, folder, option="dryrun")
+        refuse(campaign.check_stamp, RESULTS, option="forceall")
     GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
     OUTCOMES = [campaign.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
@@ -49,10 +84,37 @@ wildcard_constraints:
     number=r"\d+",
 
 
+def watch(made_by):
+    """Make what the files of a rule say of their settings count, whatever Snakemake has recorded."""
+    if "settings" in made_by.params.keys() and workflow.is_main_process:
+        made_by.set_input(partial(remake_if_stale, made_by=made_by))
+
+
+SAID = set()
+
+
+def remake_if_stale(wildcards, made_by):
+    """No input, but the job is forced if a file of it was made with other settings; say which."""
+    settings = made_by.params.settings
+    settings = settings(wildcards) if callable(settings) else settings
+    files = [apply_wildcards(file, dict(wildcards.items())) for file in made_by.output]
+    for difference in filter(None, (freshness.difference(file, settings) for file in files)):
+        workflow.dag.forcefiles.update(files)
+        if (made_by.name, difference) not in SAID:
+            logger.info(f"{made_by.name}: files made with {difference}. They are made anew.")
+        SAID.add((made_by.name, difference))
+    return []
+
+
 def settings_of(*sections):
     """Named sections of the configuration as plain values, and the physics version."""
     values = CONFIG.model_dump(mode="json", include=set(sections))
     return {**values, "physics_version": PHYSICS_VERSION}
+
+
+def gathered(parts, *sections):
+    """The same for a table of parts: which parts they are belongs to it."""
+    return {**settings_of(*sections), "parts": f"{len(parts)} ({campaign.settings_hash(parts)})"}
 
 
 def seeded(*sections):
@@ -71,10 +133,6 @@ def outcome_settings(wildcards):
         **settings_of("cell", "flow", "numerics", "run_control"),
         "stiffness": stiffness.model_dump(mode="json"),
     }
-
-
-def stability_settings(wildcards):
-    return settings_of("cell", "flow", "numerics", "stiffness_sets", "constriction_groups")
 
 
 def accuracy_settings(wildcards):
@@ -116,12 +174,17 @@ def points_before(wildcards):
     return files
 
 
-def installed_reference(wildcards):
-    """The reference that comes with the package; its absence is told before anything is run."""
+def reference_check_settings(wildcards):
+    """By content, not by time stamp, what comes with the package; its absence is told before
+    anything is run."""
     path = reference_study.DATA / "reference_outcomes.parquet"
     if not path.exists():
         raise WorkflowError(f"The package holds no reference. {reference_study.REMEDY}")
-    return path
+    return {
+        **gathered(CONFIG.reference.pairs),
+        "reference": hashlib.sha256(path.read_bytes()).hexdigest()[:16],
+        "sigma_num_model": uncertainty.model_hash(),
+    }
 
 
 def spot_check_settings(wildcards):

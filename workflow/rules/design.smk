@@ -14,6 +14,8 @@ rule surrogate:
         f"{RESULTS}/logs/surrogate.log",
     benchmark:
         f"{RESULTS}/benchmarks/surrogate.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "fit the surrogate of the migration angle"
     script:
@@ -42,12 +44,16 @@ rule designs:
         importance_csv=f"{RESULTS}/design_importance.csv",
         slices=f"{RESULTS}/design_slices.parquet",
         slices_csv=f"{RESULTS}/design_slices.csv",
+        requests=f"{RESULTS}/design_requests.parquet",
+        requests_csv=f"{RESULTS}/design_requests.csv",
     params:
         settings=design_settings(CONFIG.design_requests),
     log:
         f"{RESULTS}/logs/designs.log",
     benchmark:
         f"{RESULTS}/benchmarks/designs.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "search for designs"
     script:
@@ -66,6 +72,8 @@ rule search_regret:
         f"{RESULTS}/logs/search_regret.log",
     benchmark:
         f"{RESULTS}/benchmarks/search_regret.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "compare the design search with random and exhaustive search"
     script:
@@ -81,6 +89,7 @@ rule verify:
         verifications=f"{RESULTS}/verify/{{request}}.verifications.parquet",
         designs=f"{RESULTS}/verify/{{request}}.verified_designs.parquet",
         added=f"{RESULTS}/verify/{{request}}.outcomes.parquet",
+        requests=f"{RESULTS}/verify/{{request}}.verified_requests.parquet",
         files=directory(f"{RESULTS}/designs/{{request}}"),
     params:
         settings=verification_settings,
@@ -89,6 +98,8 @@ rule verify:
         f"{RESULTS}/logs/verify/{{request}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/verify/{{request}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "verify the designs of {wildcards.request} by simulation"
     script:
@@ -102,6 +113,9 @@ rule verifications:
         ),
         designs=expand(f"{RESULTS}/verify/{{request}}.verified_designs.parquet", request=REQUESTS),
         added=expand(f"{RESULTS}/verify/{{request}}.outcomes.parquet", request=REQUESTS),
+        requests=expand(
+            f"{RESULTS}/verify/{{request}}.verified_requests.parquet", request=REQUESTS
+        ),
         files=expand(f"{RESULTS}/designs/{{request}}", request=REQUESTS),
         outcomes=rules.outcomes.output.table,
     output:
@@ -109,16 +123,20 @@ rule verifications:
         verifications_csv=f"{RESULTS}/verifications.csv",
         designs=f"{RESULTS}/verified_designs.parquet",
         designs_csv=f"{RESULTS}/verified_designs.csv",
+        requests=f"{RESULTS}/verified_requests.parquet",
+        requests_csv=f"{RESULTS}/verified_requests.csv",
         outcomes=f"{RESULTS}/outcomes_verified.parquet",
         outcomes_csv=f"{RESULTS}/outcomes_verified.csv",
         model=f"{RESULTS}/surrogate_verified.json",
         card=f"{RESULTS}/surrogate_verified_card.json",
     params:
-        settings=seeded(),
+        settings=gathered(REQUESTS, "seed"),
     log:
         f"{RESULTS}/logs/verifications.log",
     benchmark:
         f"{RESULTS}/benchmarks/verifications.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the verified designs and refit the surrogate"
     script:

@@ -15,6 +15,8 @@ rule reference_pair:
         f"{RESULTS}/logs/reference_pair/{{outcome}}--{{numerics}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/reference_pair/{{outcome}}--{{numerics}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "{wildcards.outcome} at the {wildcards.numerics} numerics"
     script:
@@ -35,6 +37,8 @@ rule critical_gap_point:
         f"{RESULTS}/logs/critical_gap_point/{{search}}--{{number}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/critical_gap_point/{{search}}--{{number}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "critical gap {wildcards.search}, point {wildcards.number}"
     script:
@@ -51,12 +55,15 @@ rule critical_gaps:
         convergence_csv=f"{RESULTS}/reference/convergence.csv",
     params:
         searches=SEARCHES,
-        config=CONFIG.model_dump(mode="json"),
-        settings=settings_of("reference", "numerics"),
+        settings=gathered(
+            SEARCHES, "reference", "cell", "flow", "numerics", "run_control", "stiffness_sets"
+        ),
     log:
         f"{RESULTS}/logs/critical_gaps.log",
     benchmark:
         f"{RESULTS}/benchmarks/critical_gaps.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the critical gaps and their convergence"
     script:
@@ -74,11 +81,13 @@ rule reference_outcomes:
         check_csv=f"{RESULTS}/reference/sigma_num_check.csv",
     params:
         pairs=PAIRS,
-        settings=settings_of("reference", "numerics"),
+        settings=gathered(PAIRS),
     log:
         f"{RESULTS}/logs/reference_outcomes.log",
     benchmark:
         f"{RESULTS}/benchmarks/reference_outcomes.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the pairs of the reference and model the numerical uncertainty"
     script:
@@ -95,17 +104,18 @@ rule reference:
 
 rule reference_check:
     input:
-        installed_reference,
         rows=[pair_row(outcome, "campaign") for outcome in CONFIG.reference.pairs],
     output:
         table=f"{RESULTS}/reference_check.parquet",
         csv=f"{RESULTS}/reference_check.csv",
     params:
-        settings={**settings_of("numerics"), "sigma_num_model": uncertainty.model_hash()},
+        settings=reference_check_settings,
     log:
         f"{RESULTS}/logs/reference_check.log",
     benchmark:
         f"{RESULTS}/benchmarks/reference_check.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "compare the campaign's numerics with the reference of the package"
     script:
@@ -122,6 +132,8 @@ rule spot_check_plan:
         releases=spot_check_releases,
     log:
         f"{RESULTS}/logs/spot_check_plan.log",
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "draw the outcomes of the spot check"
     script:
@@ -140,6 +152,8 @@ rule spot_check_run:
         f"{RESULTS}/logs/spot_check_run/{{outcome}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/spot_check_run/{{outcome}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "spot check of {wildcards.outcome}"
     script:
@@ -154,11 +168,13 @@ rule spot_check:
         table=f"{RESULTS}/spot_check.parquet",
         csv=f"{RESULTS}/spot_check.csv",
     params:
-        settings=seeded("numerics", "run_control"),
+        settings=gathered(SPOT_CHECKED),
     log:
         f"{RESULTS}/logs/spot_check.log",
     benchmark:
         f"{RESULTS}/benchmarks/spot_check.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "compare the spot check with the campaign"
     script:

@@ -27,12 +27,16 @@ rule report:
     output:
         f"{RESULTS}/report.html",
     params:
-        results=RESULTS,
-        settings=CONFIG.model_dump(mode="json"),
+        settings=settings_of(
+            "preset", "seed", "cell", "flow", "numerics", "run_control", "constriction",
+            "design_requests",
+        ),
     log:
         f"{RESULTS}/logs/report.log",
     benchmark:
         f"{RESULTS}/benchmarks/report.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "write the report"
     script:

@@ -13,6 +13,8 @@ rule empty_flow:
         f"{RESULTS}/logs/empty_flow/{{geometry}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/empty_flow/{{geometry}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "flow without a cell through {wildcards.geometry}"
     script:
@@ -36,6 +38,8 @@ rule simulate_outcome:
         f"{RESULTS}/logs/simulate_outcome/{{outcome}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/simulate_outcome/{{outcome}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "cell through {wildcards.outcome}, released at as many places as it takes"
     script:
@@ -50,11 +54,13 @@ rule flows:
         csv=f"{RESULTS}/flows.csv",
     params:
         kind="flows",
-        settings=settings_of(),
+        settings=gathered(GEOMETRIES),
     log:
         f"{RESULTS}/logs/flows.log",
     benchmark:
         f"{RESULTS}/benchmarks/flows.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the flows of all geometries"
     script:
@@ -67,11 +73,13 @@ rule trajectories:
     output:
         f"{RESULTS}/trajectories.parquet",
     params:
-        settings=settings_of(),
+        settings=gathered(OUTCOMES),
     log:
         f"{RESULTS}/logs/trajectories.log",
     benchmark:
         f"{RESULTS}/benchmarks/trajectories.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the trajectories of all runs"
     script:
@@ -86,11 +94,13 @@ rule runs:
         csv=f"{RESULTS}/runs.csv",
     params:
         kind="runs",
-        settings=settings_of(),
+        settings=gathered(OUTCOMES),
     log:
         f"{RESULTS}/logs/runs.log",
     benchmark:
         f"{RESULTS}/benchmarks/runs.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the runs of all outcomes"
     script:
@@ -105,11 +115,13 @@ rule outcomes:
         table=f"{RESULTS}/outcomes.parquet",
         csv=f"{RESULTS}/outcomes.csv",
     params:
-        settings={**settings_of(), "sigma_num_model": uncertainty.model_hash()},
+        settings={**gathered(OUTCOMES), "sigma_num_model": uncertainty.model_hash()},
     log:
         f"{RESULTS}/logs/outcomes.log",
     benchmark:
         f"{RESULTS}/benchmarks/outcomes.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather all outcomes, join deformation indices and numerical uncertainty"
     script:

@@ -5,12 +5,15 @@ rule stability_family:
     output:
         table=ensure(f"{RESULTS}/stability/{{family}}.parquet", non_empty=True),
     params:
-        config=CONFIG.model_dump(mode="json"),
-        settings=stability_settings,
+        settings=settings_of(
+            "cell", "flow", "numerics", "stiffness_sets", "constriction_groups"
+        ),
     log:
         f"{RESULTS}/logs/stability_family/{{family}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/stability_family/{{family}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "stability: {wildcards.family}"
     script:
@@ -25,11 +28,13 @@ rule stability:
         csv=f"{RESULTS}/stability.csv",
     params:
         kind="stability",
-        settings=settings_of(),
+        settings=gathered([*FAMILIES]),
     log:
         f"{RESULTS}/logs/stability.log",
     benchmark:
         f"{RESULTS}/benchmarks/stability.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the stability sweep"
     script:

@@ -13,6 +13,8 @@ rule validate_case:
         f"{RESULTS}/logs/validate_case/{{case}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/validate_case/{{case}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "validation case {wildcards.case}"
     script:
@@ -27,11 +29,13 @@ rule validation:
         csv=f"{RESULTS}/validation.csv",
     params:
         kind="validation",
-        settings=settings_of(),
+        settings=gathered([*CASES]),
     log:
         f"{RESULTS}/logs/validation.log",
     benchmark:
         f"{RESULTS}/benchmarks/validation.tsv"
+    conda:
+        "../envs/dldsim.yaml"
     message:
         "gather the validation cases"
     script:

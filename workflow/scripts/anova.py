@@ -1,8 +1,8 @@
 """Outcomes in, analysis of variance and its diagnostics out."""
 
-from dldsim.analysis.statistics import analyse
-from dldsim.app.jobs import job_log, provenance
-from dldsim.config.campaign import derive_seed
+from dldsim.analysis.anova import analyse
+from dldsim.app.jobs import job_log
+from dldsim.config.campaign import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

@@ -1,8 +1,8 @@
 """Outcomes in, errors and predictions of each regressor out."""
 
 from dldsim.analysis.regressors import benchmark
-from dldsim.app.jobs import job_log, provenance
-from dldsim.config.campaign import derive_seed
+from dldsim.app.jobs import job_log
+from dldsim.config.campaign import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

@@ -1,7 +1,8 @@
 """Constriction runs in, deformation index per group and its correlations out."""
 
 from dldsim.analysis.calibration import calibrate, correlations
-from dldsim.app.jobs import job_log, provenance
+from dldsim.app.jobs import job_log
+from dldsim.config.campaign import provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

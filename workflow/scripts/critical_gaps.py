@@ -4,11 +4,10 @@ from pathlib import Path
 
 from dldsim.app.jobs import job_log
 from dldsim.app.reference_jobs import gather_gaps
-from dldsim.config.sections import Config
 
 with job_log(snakemake.log[0]):
     gather_gaps(
         zip(snakemake.params.searches, map(Path, snakemake.input), strict=True),
-        Config(**snakemake.params.config), snakemake.params.settings,
+        snakemake.params.settings,
         gaps=Path(snakemake.output.gaps), convergence=Path(snakemake.output.convergence),
     )  # fmt: skip

@@ -5,7 +5,7 @@ from pathlib import Path
 from dldsim.app.design_jobs import design_job
 from dldsim.app.jobs import job_log
 
-with job_log(snakemake.log[0]):
+with job_log(snakemake.log[0]) as progress:
     design_job(
         snakemake.params.settings,
         tables={
@@ -14,6 +14,8 @@ with job_log(snakemake.log[0]):
             "design_tolerances": Path(snakemake.output.tolerances),
             "design_importance": Path(snakemake.output.importance),
             "design_slices": Path(snakemake.output.slices),
+            "design_requests": Path(snakemake.output.requests),
         },
+        progress=progress,
         **{name: Path(path) for name, path in snakemake.input.items()},
     )

@@ -6,6 +6,5 @@ from dldsim.app.jobs import job_log
 from dldsim.report.campaign_page import make_report
 
 with job_log(snakemake.log[0]):
-    make_report(
-        Path(snakemake.params.results), Path(snakemake.output[0]), snakemake.params.settings
-    )
+    page = Path(snakemake.output[0])
+    make_report(page.parent, page, snakemake.params.settings)

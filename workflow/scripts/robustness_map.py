@@ -1,7 +1,8 @@
 """Outcomes in, robustness of each geometry out."""
 
-from dldsim.analysis.statistics import robustness
-from dldsim.app.jobs import job_log, provenance
+from dldsim.analysis.robustness import robustness
+from dldsim.app.jobs import job_log
+from dldsim.config.campaign import provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

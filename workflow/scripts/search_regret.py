@@ -5,9 +5,10 @@ from pathlib import Path
 from dldsim.app.design_jobs import regret_job
 from dldsim.app.jobs import job_log
 
-with job_log(snakemake.log[0]):
+with job_log(snakemake.log[0]) as progress:
     regret_job(
         snakemake.params.settings,
         table=Path(snakemake.output.table),
+        progress=progress,
         **{name: Path(path) for name, path in snakemake.input.items()},
     )

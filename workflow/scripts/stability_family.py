@@ -1,12 +1,12 @@
 """One family of the stability sweep: its points out."""
 
-from dldsim.app.jobs import job_log, provenance
-from dldsim.config.sections import Config
+from dldsim.app.jobs import job_log
+from dldsim.config.campaign import provenance
+from dldsim.config.sections import sections_from
 from dldsim.evidence.stability_sweep import run_family
 from dldsim.tables.parquet import write_table
 
 with job_log(snakemake.log[0]) as progress:
-    rows = run_family(snakemake.wildcards.family, Config(**snakemake.params.config), progress)
-    write_table(
-        "stability", rows, snakemake.output.table, provenance(snakemake.params.settings)
-    )
+    settings = snakemake.params.settings
+    rows = run_family(snakemake.wildcards.family, sections_from(settings), progress)
+    write_table("stability", rows, snakemake.output.table, provenance(settings))

@@ -4,10 +4,12 @@ from pathlib import Path
 
 from dldsim.analysis.surrogate import fit
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import derive_seed
+from dldsim.config.campaign import derive_seed, provenance
 from dldsim.tables.parquet import read_table
 
 with job_log(snakemake.log[0]):
-    seed = derive_seed(snakemake.params.settings["seed"], "surrogate")
+    settings = snakemake.params.settings
+    seed = derive_seed(settings["seed"], "surrogate")
     model = fit(read_table("outcomes", snakemake.input[0]), seed)
+    model.card["provenance"] = provenance(settings, seed)
     model.save(Path(snakemake.output.model), Path(snakemake.output.card))

@@ -11,10 +11,12 @@ with job_log(snakemake.log[0]):
         verifications=map(Path, snakemake.input.verifications),
         designs=map(Path, snakemake.input.designs),
         added=map(Path, snakemake.input.added),
+        requests=map(Path, snakemake.input.requests),
         outcomes=Path(snakemake.input.outcomes),
         tables={
             "verifications": Path(snakemake.output.verifications),
             "verified_designs": Path(snakemake.output.designs),
+            "verified_requests": Path(snakemake.output.requests),
             "outcomes": Path(snakemake.output.outcomes),
         },
         model=Path(snakemake.output.model),

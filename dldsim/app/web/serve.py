@@ -1,21 +1,21 @@
 """Start the parts of the service: the API, the page, or both on this machine."""
 
+import errno
 import importlib.util
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
-from pathlib import Path
 
+from dldsim.app.web.ui import API_VARIABLE, SCRIPT, api_address
 from dldsim.errors import DldsimError
 
-API_VARIABLE = "DLDSIM_WEB_API"
-"""Environment variable with the address of the API that the page asks."""
-PAGE = Path(__file__).parent / "ui" / "app.py"
+PREFIX = "DLDSIM_WEB_"
 START_S = 180
 STOP_S = 10
 
@@ -27,6 +27,39 @@ def _need(*modules: str) -> None:
                           "them with: pip install -r requirements-web.txt")
 
 
+def address(host: str, port: int) -> str:
+    """Where a part that listens on this host can be reached from this machine."""
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    return f"http://[{host.replace('%', '%25')}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def check_free(host: str, port: int, port_setting: str) -> None:
+    """Raise DldsimError that names the setting if nothing can listen there."""
+    where = f"host = {host} (--host, {PREFIX}HOST)"
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, place = found[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(place)
+    except socket.gaierror as error:
+        raise DldsimError(f"{where}: no address of this name is known ({error.strerror}). Name an "
+                          "address of this machine, such as 127.0.0.1 or ::1.") from error
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:
+            raise DldsimError(f"port = {port} ({port_setting}): another program listens there "
+                              "already. Stop it, or name another port.") from error
+        if error.errno == errno.EACCES:
+            raise DldsimError(f"port = {port} ({port_setting}): not permitted to this user. Name "
+                              "a port from 1024 to 65535.") from error
+        raise DldsimError(f"{where}: nothing can listen there ({error.strerror}). Name an address "
+                          "of this machine, such as 127.0.0.1 or ::1.") from error
+
+
+API_PORT = "--port, DLDSIM_WEB_PORT"
+PAGE_PORT = "--page-port"
+
+
 def serve_api(settings) -> None:
     """Serve the API until it is interrupted. Raises DldsimError if it cannot start."""
     _need("fastapi", "uvicorn", "multipart")
@@ -34,6 +67,7 @@ def serve_api(settings) -> None:
 
     from dldsim.app.web.api.app import make_app
 
+    check_free(settings.host, settings.port, API_PORT)
     app = make_app(settings)
     app.state.service.pool.lock()
     uvicorn.run(app, host=settings.host, port=settings.port, log_level="info",
@@ -43,14 +77,23 @@ def serve_api(settings) -> None:
 def page_command(host: str, port: int) -> list[str]:
     """Command line that serves the page."""
     _need("streamlit")
-    return [sys.executable, "-m", "streamlit", "run", str(PAGE), "--server.address", host,
+    return [sys.executable, "-m", "streamlit", "run", str(SCRIPT), "--server.address", host,
             "--server.port", str(port), "--server.headless", "true",
             "--browser.gatherUsageStats", "false"]  # fmt: skip
 
 
-def serve_page(host: str, port: int, api: str) -> int:
-    """Serve the page until it is interrupted; returns its exit code."""
+def serve_page(host: str, port: int, api: str | None) -> int:
+    """Serve the page until it is interrupted; returns its exit code.
+
+    ``api``: None for the address in API_VARIABLE, or API_DEFAULT. Raises DldsimError.
+    """
+
     page = page_command(host, port)
+    try:
+        api = api_address(api)
+    except ValueError as error:
+        raise DldsimError(str(error)) from error
+    check_free(host, port, PAGE_PORT)
     return subprocess.run(page, env={**os.environ, API_VARIABLE: api}).returncode
 
 
@@ -61,8 +104,12 @@ def serve_both(settings, page_port: int, say: Callable[[str], None]) -> int:
     """
     _need("fastapi", "uvicorn", "multipart")
     page = page_command(settings.host, page_port)
-    shown = "127.0.0.1" if settings.host in ("0.0.0.0", "::") else settings.host
-    api = f"http://{shown}:{settings.port}"
+    check_free(settings.host, settings.port, API_PORT)
+    check_free(settings.host, page_port, PAGE_PORT)
+    if not settings.port:
+        raise DldsimError(f"port = 0 ({API_PORT}): the page must know where the API is. Name a "
+                          "port from 1 to 65535.")
+    api = address(settings.host, settings.port)
     options = [x for key, value in settings.model_dump(mode="json").items()
                if key in ("results", "config", "state", "host", "port", "workers",
                           "verify_workers") and value is not None
@@ -73,7 +120,7 @@ def serve_both(settings, page_port: int, say: Callable[[str], None]) -> int:
     try:
         health = _wait(api, parts[0])
         parts.append(subprocess.Popen(page, env={**os.environ, API_VARIABLE: api}))
-        say(f"page: http://{shown}:{page_port}")
+        say(f"page: {address(settings.host, page_port)}")
         say(f"API:  {api}/docs")
         if health:
             say(f"unhealthy: {health}")
@@ -94,11 +141,12 @@ def serve_both(settings, page_port: int, say: Callable[[str], None]) -> int:
 def _wait(api: str, process: subprocess.Popen) -> str:
     """Wait until the API answers; returns what it complains of."""
     end = time.monotonic() + START_S
+    direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # it is this machine
     while time.monotonic() < end:
         if process.poll() is not None:
             raise DldsimError(f"The API ended with code {process.returncode}; see above.")
         try:
-            with urllib.request.urlopen(f"{api}/api/v1/health", timeout=5):
+            with direct.open(f"{api}/api/v1/health", timeout=5):
                 return ""
         except urllib.error.HTTPError as error:  # it answers: unhealthy
             return error.read().decode(errors="replace")

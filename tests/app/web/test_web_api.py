@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+import yaml
 from fastapi.testclient import TestClient
 
 from dldsim import PHYSICS_VERSION
@@ -22,7 +23,8 @@ from dldsim.app.web.api import models
 from dldsim.app.web.api.app import PREFIX, make_app
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import ATTEMPTS_MAX, SEARCH, VERIFICATION, Busy, Store
-from dldsim.config.sections import DesignRequest
+from dldsim.config.sections import DesignRequest, Device
+from dldsim.design import finished_campaign
 from dldsim.tables.parquet import COLUMNS, read_table, write_csv, write_table
 from tests.app.test_design_jobs import (
     campaign,  # noqa: F401
@@ -107,9 +109,14 @@ def test_a_design_is_answered_in_full(designed):
 def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):  # noqa: F811
     options = [f"--{k.replace('_', '-')}".replace("stiffness-set-", "set") for k in ASK]
     argv = [x for pair in zip(options, map(str, ASK.values()), strict=True) for x in pair]
+    # the service's configuration, with the moduli that the made-up campaign has
+    config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
+    config["stiffness_sets"] |= known.settings["stiffness_sets"]
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     done = subprocess.run(  # a process of its own, whose hashes differ
         [sys.executable, "-m", "dldsim", "design", *argv, "--results", campaign, "--output",
-         tmp_path], capture_output=True, text=True)
+         tmp_path], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(designed["files"]) == 1 + 4 * 2
     for file in designed["files"]:
@@ -318,8 +325,8 @@ def broken_tables(campaign, tmp_path):  # noqa: F811
     stream = io.BytesIO()
     pq.write_table(old.replace_schema_metadata({b"dldsim": json.dumps(about)}), stream)
     return [
-        (b"", "neither"), (pickle.dumps(outcomes), "neither"), (raw[:400], "neither"),
-        (b"PK\x03\x04" + raw, "neither"),
+        (b"", "is empty"), (pickle.dumps(outcomes), "neither"),
+        (raw[:400], "not a readable Parquet"), (b"PK\x03\x04" + raw, "Excel"),
         ((text[0] + "\n").encode(), "no rows"),
         (b"a,b\n1,2\n", "missing outcome_id"),
         ("\n".join(line.partition(",")[2] for line in text).encode(), "missing outcome_id"),
@@ -397,8 +404,8 @@ def test_missing_data_are_unhealthy(campaign, tmp_path):  # noqa: F811
 def test_packaged_data_of_another_physics_version_give_no_answer(
     campaign, tmp_path, monkeypatch  # noqa: F811
 ):
-    monkeypatch.setattr("dldsim.app.design_jobs.CAMPAIGN_DATA", campaign)
-    monkeypatch.setattr("dldsim.app.design_jobs.PHYSICS_VERSION", PHYSICS_VERSION + 1)
+    monkeypatch.setattr("dldsim.design.finished_campaign.CAMPAIGN_DATA", campaign)
+    monkeypatch.setattr("dldsim.design.finished_campaign.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     found = TestClient(make_app(Settings(state=tmp_path)))
     health = found.get(f"{PREFIX}/health")
     words = f"of physics version {PHYSICS_VERSION}, this is version {PHYSICS_VERSION + 1}"
@@ -447,6 +454,53 @@ def test_other_pages_are_kept_out(idle, campaign, tmp_path):  # noqa: F811
                                           cors_origins=("https://elsewhere.example",))))
     answer = opened.get(f"{PREFIX}/health", headers=head)
     assert answer.headers["access-control-allow-origin"] == "https://elsewhere.example"
+
+
+def test_behind_a_prefix_documents_and_addresses_know_it(campaign, tmp_path):  # noqa: F811
+    for strips in (True, False):  # proxies do either
+        settings = Settings(results=campaign, state=tmp_path / str(strips), body_max_bytes=1024,
+                            root_path="/lab/dldsim/")
+        app = make_app(settings)
+        app.state.service.pool.problems = list
+        outside = TestClient(app, raise_server_exceptions=False)
+        base = "" if strips else "/lab/dldsim"
+        assert "'/lab/dldsim/openapi.json'" in outside.get(f"{base}/docs").text
+        schema = outside.get(f"{base}/openapi.json").json()
+        assert schema["servers"] == [{"url": "/lab/dldsim"}]
+        accepted = outside.post(f"{base}{PREFIX}/designs", json=ASK).json()
+        assert accepted["url"].startswith("/lab/dldsim/api/v1/designs/")
+        assert outside.get(base + accepted["url"].removeprefix("/lab/dldsim")).status_code == 200
+        large = outside.post(f"{base}{PREFIX}/campaigns", files={"outcomes": b"a,b\n" * 1000})
+        assert large.status_code == 422, large.text
+        told = outside.post(f"{base}{PREFIX}/predict", json=PLACE | {"gap_um": "wide"})
+        assert "number ≥ 0.1" in told.json()["message"]
+
+
+@pytest.mark.parametrize("path", ["/campaigns", "/campaigns/"])
+def test_an_upload_may_be_large_whatever_its_address_ends_with(client, path):
+    answer = client.post(PREFIX + path, files={"outcomes": b"a,b\n" + b"1,%d\n" % 10**30 * 4000})
+    assert answer.status_code == 422 and "missing outcome_id" in answer.json()["message"]
+
+
+@pytest.mark.parametrize(("path", "given", "wanted"), [
+    ("/predict", None, "application/json"), ("/predict", "text/plain", "application/json"),
+    ("/designs", "application/x-www-form-urlencoded", "application/json"),
+    ("/campaigns", None, "multipart/form-data"), ("/campaigns", "text/csv", "multipart/form-data"),
+])  # fmt: skip
+def test_a_body_must_say_what_it_is(client, path, given, wanted):
+    answer = client.post(PREFIX + path, content=json.dumps(PLACE),
+                         headers={"Content-Type": given} if given else {})
+    problem = answer.json()
+    assert answer.status_code == 422 and problem["fields"][0]["field"] == "Content-Type"
+    shown = repr(given) if given else "missing"
+    assert f"Content-Type = {shown}: allowed: {wanted}" in problem["message"]
+
+
+def test_answers_say_what_they_hold_for(client, designed):
+    words = "biconcave disc of radius 7.5 µm (others by similarity), channel height 20 µm, mean "
+    for about in (designed["provenance"], client.post(f"{PREFIX}/predict", json=PLACE).json()[
+            "provenance"], client.get(f"{PREFIX}/model").json()["provenance"]):
+        assert words in about["holds_for"] and "0.5 mm/s" in about["holds_for"]
 
 
 # ---------------------------------------------------------------------------------------- the queue
@@ -522,7 +576,7 @@ def test_only_serve_imports_the_service():
         tree = ast.parse(path.read_text(encoding="utf-8"))
         names = [n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module]
         if any(n.startswith("dldsim.app.web") for n in names):
-            assert path.name == "cli.py"
+            assert path.name == "service.py"
 
 
 def test_a_missing_extra_is_told():

@@ -104,6 +104,45 @@ def test_search_shows_its_course_then_the_dashboard(service):
     assert "extrapolated: it lies outside" in shown  # the candidate that is looked at
 
 
+def test_headline_figures_wrap_and_are_never_cut(service):
+    """Not in columns, whose width cuts them, and as wide as they are."""
+    page = opened()
+    button(page, "Search for designs").click().run()
+    service.finish()
+    page = sound(page.run())
+    assert len(page.metric) == 5
+
+    def holders(block, found=()):
+        for child in getattr(block, "children", {}).values():
+            if child.type == "metric":
+                yield found
+            yield from holders(child, (*found, child.type))
+
+    assert all("column" not in found for found in holders(page.main))
+
+
+def test_periodicity_is_typed_like_the_other_bounds(service):
+    page = opened()
+    assert not [s for s in page.slider if "periodicity" in s.key]
+    page.number_input(key="form:periodicity_low").set_value(5).run()
+    button(page, "Search for designs").click().run()
+    [request] = sent(service, "POST", "/designs")
+    assert json.loads(request.content)["periodicity"] == [5, 12]
+
+
+def test_the_first_lines_say_what_answers_hold_for(service):
+    page = opened()
+    first = [e.value for e in page.main if hasattr(e, "value")][:3]
+    assert any("Holds for a biconcave disc" in str(text) for text in first), first
+
+
+def test_toolbar_of_charts_stays_in_the_margin():
+    layout = charts.TEMPLATE.layout
+    assert layout.modebar.orientation == "v" and layout.margin.r >= 45
+    assert layout.legend.x == 0 and layout.legend.orientation == "h"
+    assert charts.index_strip((0.5, 0.7), [(0.6, 0.01)]).layout.margin.r >= 45
+
+
 def test_cancelled_and_failed_searches_say_so(service):
     page = opened()
     button(page, "Search for designs").click().run()

@@ -21,7 +21,7 @@ from starlette.exceptions import HTTPException
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis.calibration import stiffness_for
-from dldsim.app import design_jobs
+from dldsim.app import design_answers
 from dldsim.app.web.api import models
 from dldsim.app.web.api.data import (
     Data,
@@ -29,6 +29,7 @@ from dldsim.app.web.api.data import (
     NotReady,
     Source,
     Unavailable,
+    check_sets,
     columns_of,
     read_upload,
     table_rows,
@@ -38,8 +39,9 @@ from dldsim.app.web.api.pool import Pool
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Busy, Job, Store
 from dldsim.config import sections
-from dldsim.design import search
-from dldsim.design.verification import conditions, make_populations
+from dldsim.design import finished_campaign, search
+from dldsim.design.populations import make_populations
+from dldsim.design.simulator import conditions
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 
@@ -81,6 +83,26 @@ def _problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {s: {"model": models.Problem} for s in (*statuses, 400, 413, 422, 500, 503)}
 
 
+def route_of(scope) -> str:
+    """Path of a request in this service: without the proxy's prefix and a slash at the end."""
+    return scope["path"].removeprefix(scope.get("root_path", "")).rstrip("/")
+
+
+class Prefix:
+    """Tell the application the path of a proxy before it, whether the proxy strips that or not."""
+
+    def __init__(self, app, root_path: str):
+        self.app, self.root_path = app, root_path
+
+    async def __call__(self, scope, receive, send):
+        if scope["type"] == "http" and self.root_path:
+            path = scope["path"]
+            if not f"{path}/".startswith(f"{self.root_path}/"):
+                path = self.root_path + path
+            scope = {**scope, "root_path": self.root_path, "path": path}
+        await self.app(scope, receive, send)
+
+
 class BodyLimit:
     """Refuse a body that is too large, also one that does not tell its size beforehand."""
 
@@ -90,7 +112,7 @@ class BodyLimit:
     async def __call__(self, scope, receive, send):
         if scope["type"] != "http":
             return await self.app(scope, receive, send)
-        upload = scope["path"] == f"{PREFIX}/campaigns"
+        upload = route_of(scope) == f"{PREFIX}/campaigns"
         most = self.settings.upload_max_bytes if upload else self.settings.body_max_bytes
         message = f"The body is larger than the {most} bytes that this service takes."
         given = dict(scope["headers"]).get(b"content-length", b"0")
@@ -128,6 +150,11 @@ class Service:
         self.started = time.time()
         self.waited_for = 0
         self.uploads = threading.Semaphore(2)
+
+    @property
+    def prefix(self) -> str:
+        """What addresses in answers begin with."""
+        return self.settings.root_path + PREFIX
 
     @property
     def limits(self) -> dict[str, int]:
@@ -176,7 +203,7 @@ class Service:
         source = self.source(spec.campaign)
         known = source.known
         try:
-            resolved = design_jobs.by_deformation_index(spec.request,
+            resolved = design_answers.by_deformation_index(spec.request,
                                                         known.tables.get("calibration"))
             search.check(search.Task(known.model, resolved, known.chip, spec.seed))
             if spec.verify:
@@ -190,7 +217,7 @@ class Service:
         if "calibration" not in known.tables:
             raise DldsimError("verify = true: this campaign came without a calibration, which the "
                               "moduli of the cells are read from. Upload it with the outcomes.")
-        conditions(known.tables["outcomes"], design_jobs.scene_of(known.settings))
+        conditions(known.tables["outcomes"], design_answers.scene_of(known.settings))
         sets = {name: sections.Stiffness(**v)
                 for name, v in known.settings["stiffness_sets"].items()}
         for i in (1, 2):
@@ -215,7 +242,7 @@ class Service:
             attempts=job.attempts, spec=job.spec, error=job.error,
             progress=models.Progress(**progress),
             verification=self._verdict(job, verdict),
-            files=[models.FileInfo(**f, url=_file_url(job.id, f)) for f in
+            files=[models.FileInfo(**f, url=self.file_url(job.id, f)) for f in
                    self.store.files(job.id)],
         )  # fmt: skip
         text = found.model_dump_json()
@@ -224,6 +251,14 @@ class Service:
         # both are objects: the stored one replaces the two nulls
         head = found.model_dump_json(exclude={"result", "provenance"})
         return f"{head[:-1]},{stored[1:]}"
+
+    def file_url(self, identifier: str, file: dict) -> str:
+        which = ""
+        if file["candidate"] is not None:
+            which = f"?candidate={file['candidate']}"
+        if file["verified"] is not None:
+            which = f"?verified={file['verified']}"
+        return f"{self.prefix}/designs/{identifier}/files/{file['kind']}{which}"
 
     def _verdict(self, job: Job, found: Job | None) -> models.Verdict:
         if found is None:
@@ -237,15 +272,6 @@ class Service:
 
 def _time(seconds: float | None) -> str | None:
     return seconds and datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
-
-
-def _file_url(identifier: str, file: dict) -> str:
-    which = ""
-    if file["candidate"] is not None:
-        which = f"?candidate={file['candidate']}"
-    if file["verified"] is not None:
-        which = f"?verified={file['verified']}"
-    return f"{PREFIX}/designs/{identifier}/files/{file['kind']}{which}"
 
 
 def _shown(value: Any) -> str:
@@ -270,7 +296,16 @@ def _infeasible(spec: BaseModel, message: str) -> Refused:
 
 def _invalid(request: Request, error: RequestValidationError) -> Response:
     """Field, value and allowed range of everything that is wrong."""
-    model = BODIES.get(request.url.path.removeprefix(PREFIX))
+    route = route_of(request.scope).removeprefix(PREFIX)
+    model = BODIES.get(route)
+    wanted = "application/json" if model else "multipart/form-data" * (route == "/campaigns")
+    given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if wanted and given != wanted and not (model and given.endswith("+json")) and any(
+            tuple(details["loc"])[:1] == ("body",) for details in error.errors()):
+        message = (f"Content-Type = {_shown(given) if given else 'missing'}: allowed: {wanted}. "
+                   "Say with this header what the body is.")
+        return _answer(422, models.Problem(error="invalid", message=message, fields=[
+            models.FieldProblem(field="Content-Type", value=given[:100], message=message)]))
     fields = []
     for details in error.errors():
         loc = tuple(details["loc"])
@@ -333,6 +368,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
                            allow_methods=["GET", "POST", "DELETE"],
                            allow_headers=["Content-Type"])
     app.add_middleware(BodyLimit, settings=settings)
+    app.add_middleware(Prefix, root_path=settings.root_path)
     return app
 
 
@@ -378,7 +414,7 @@ def _add_designs(app: FastAPI, service: Service) -> None:
             jobs.append((identifier, "verification", VERIFICATION, "waiting", given))
         before = service.add(jobs)
         return models.Accepted(id=identifier, state="queued", queue_position=before,
-                               url=f"{PREFIX}/designs/{identifier}")
+                               url=f"{service.prefix}/designs/{identifier}")
 
     def find(identifier: str) -> Job:
         job = store.find(identifier, "design", "optimize")
@@ -607,8 +643,9 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         stored = store.result(job.id, job.kind)
         return models.CampaignStatus(
             id=job.id, state=states.get(job.state, job.state), name=job.spec["name"],
-            origin=job.spec["origin"], rows=job.spec["rows"], created=_time(job.created),
-            error=job.error, url=f"{PREFIX}/campaigns/{job.id}",
+            origin=job.spec["origin"], rows=job.spec["rows"], found=job.spec.get("found", []),
+            created=_time(job.created),
+            error=job.error, url=f"{service.prefix}/campaigns/{job.id}",
             **(json.loads(stored) if stored else {}))
 
     def find(identifier: str) -> Job:
@@ -618,9 +655,10 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
                           "it was deleted.")
         return job
 
-    def accept(name: str, origin: str, rows: int, parts: dict[str, bytes]) -> models.CampaignStatus:
+    def accept(name: str, origin: str, rows: int, parts: dict[str, bytes],
+               found: list[str] = ()) -> models.CampaignStatus:
         identifier = str(uuid.uuid4())
-        spec = {"name": name, "origin": origin, "rows": rows}
+        spec = {"name": name, "origin": origin, "rows": rows, "found": list(found)}
         service.add([(identifier, "campaign", SEARCH, "queued", spec)], parts=parts,
                     kept=settings.campaigns_max)
         return status(find(identifier))
@@ -638,9 +676,11 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         if not service.uploads.acquire(blocking=False):
             raise service.busy(SEARCH, "Two uploads are being read already.")
         try:
-            parts = {kind: read_upload(kind, file.file.read(), settings.upload_rows_max)
-                     for kind, file in (("outcomes", outcomes), ("calibration", calibration),
-                                        ("flows", flows)) if file is not None}
+            uploads = {kind: read_upload(kind, file.file.read(), settings.upload_rows_max)
+                       for kind, file in (("outcomes", outcomes), ("calibration", calibration),
+                                          ("flows", flows)) if file is not None}
+            parts = {kind: upload.content for kind, upload in uploads.items()}
+            check_sets(parts)
         except DldsimError as error:
             message = _ascii(str(error))
             others = (k for k in ("calibration", "flows") if f"table {k}" in message)
@@ -649,12 +689,9 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
                 models.FieldProblem(field=field, value="", message=message)]) from error
         finally:
             service.uploads.release()
-        import io
-
-        import pyarrow.parquet
-
-        rows = pyarrow.parquet.ParquetFile(io.BytesIO(parts["outcomes"])).metadata.num_rows
-        return accept(_ascii(name), "uploaded", rows, parts)
+        found = [_ascii(f"{kind}: {note}") for kind, upload in uploads.items()
+                 for note in upload.found]
+        return accept(_ascii(name), "uploaded", uploads["outcomes"].rows, parts, found)
 
     @app.post(f"{PREFIX}/measurements", status_code=202, response_model=models.CampaignStatus,
               responses=_problems(404, 409, 429), tags=["campaign"])
@@ -667,9 +704,9 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
             given["measurements"] = (json.loads(parts["measurements"])["measurements"]
                                      + given["measurements"])
         simulated = source.known.tables["outcomes"]
-        simulated = simulated[simulated["status"] != design_jobs.MEASURED]
+        simulated = simulated[simulated["status"] != finished_campaign.MEASURED]
         try:
-            table = design_jobs.with_measurements(simulated, **given)
+            table = finished_campaign.with_measurements(simulated, **given)
         except DldsimError as error:
             raise _infeasible(spec, str(error)) from error
         parts["measurements"] = json.dumps(given).encode()

@@ -15,19 +15,20 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.csv
 import pyarrow.parquet as pq
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis import surrogate
-from dldsim.app import design_jobs
-from dldsim.app.design_jobs import MEASURED
+from dldsim.analysis.calibration import join_deformation_index
 from dldsim.app.web.api.models import Provenance
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
 from dldsim.config.campaign import derive_seed
+from dldsim.design import finished_campaign
+from dldsim.design.finished_campaign import MEASURED
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, METADATA_KEY, describe, read_table, schema, write_table
+from dldsim.tables.parquet import COLUMNS, describe, read_table, schema, write_table
+from dldsim.tables.user_table import PLAUSIBLE, as_columns, check_plausible, read_user_table
 
 FILES = ("outcomes.parquet", "calibration.parquet", "flows.parquet", "surrogate.json",
          "surrogate_card.json")  # fmt: skip
@@ -54,7 +55,7 @@ class NotReady(DldsimError):
 class Source(NamedTuple):
     """A campaign with its name and provenance."""
 
-    known: design_jobs.Campaign
+    known: finished_campaign.Campaign
     provenance: Provenance
 
 
@@ -69,7 +70,7 @@ class Data:
 
     def folder(self) -> Path:
         """Folder of the service's own campaign."""
-        return self.settings.results or design_jobs.packaged_campaign()
+        return self.settings.results or finished_campaign.packaged_campaign()
 
     def _signature(self) -> Any:
         """Which files there are, and their age. Raises Unavailable if one is missing."""
@@ -93,7 +94,8 @@ class Data:
             if self._own is None or self._own[0] != signature:
                 try:
                     device, safety, _ = self.settings.campaign()
-                    known = design_jobs.read_campaign(self.folder(), device, safety)
+                    known = finished_campaign.read_campaign(self.folder(), device, safety)
+                    finished_campaign.check_settings(self.settings.configuration(), known)
                 except DldsimError as error:
                     raise Unavailable(f"The campaign data cannot be used: {error}") from error
                 name = ("the campaign that comes with dldsim" if self.settings.results is None
@@ -118,7 +120,7 @@ class Data:
         parts = self.store.parts(campaign)
         tables, control = self._tables(parts)
         model = _load(parts)
-        design_jobs.check_model(model, tables["outcomes"], Path(job.spec["name"]))
+        finished_campaign.check_model(model, tables["outcomes"], Path(job.spec["name"]))
         found = self._made(tables, parts, model, control, campaign, job.spec)
         with self._lock:
             self._uploaded[campaign] = found
@@ -151,14 +153,15 @@ class Data:
                         control = settings.get("run_control")
         if "measurements" in parts:
             given = json.loads(parts["measurements"])
-            tables["outcomes"] = design_jobs.with_measurements(tables["outcomes"], **given)
+            tables["outcomes"] = finished_campaign.with_measurements(tables["outcomes"], **given)
         return tables, control
 
     def _made(self, tables, parts, model, control, campaign, spec) -> Source:
         device, safety, _ = self.settings.campaign()
         simulated = tables["outcomes"][tables["outcomes"]["status"] != MEASURED]
-        known = design_jobs.make_campaign(tables | {"outcomes": simulated}, model, control, device,
-                                          safety)._replace(tables=tables)
+        known = finished_campaign.make_campaign(
+            tables | {"outcomes": simulated}, model, control, device, safety
+        )._replace(tables=tables)
         origin = "measurements" if "measurements" in parts else "uploaded"
         return Source(known, _provenance(known, campaign, spec["name"], origin))
 
@@ -180,7 +183,7 @@ def _load(files: Mapping[str, bytes]) -> surrogate.Surrogate:
         return surrogate.load(*paths)
 
 
-def _provenance(known: design_jobs.Campaign, campaign: str | None, name: str, origin: str
+def _provenance(known: finished_campaign.Campaign, campaign: str | None, name: str, origin: str
                 ) -> Provenance:
     card = known.model.card
     warnings = []
@@ -196,105 +199,89 @@ def _provenance(known: design_jobs.Campaign, campaign: str | None, name: str, or
                         "when their rows were spent.")
     return Provenance(
         dldsim_version=__version__, physics_version=PHYSICS_VERSION, campaign=campaign,
-        campaign_name=name, origin=origin, outcomes=card["data"]["outcomes"],
+        campaign_name=name, origin=origin,
+        outcomes=card["data"]["outcomes"],
         used=card["data"]["used"], measured=measured, geometries=card["data"]["geometries"],
         outcomes_sha256=card["data"]["sha256"], model_sha256=card.get("model_sha256", ""),
-        fitted_by=card["versions"], scores_by_geometry=card["scores_by_geometry"],
+        fitted_by=card["versions"], holds_for=known.model.holds_for,
+        scores_by_geometry=card["scores_by_geometry"],
         warnings=warnings,
     )  # fmt: skip
 
 
-def read_upload(kind: str, content: bytes, rows_max: int) -> bytes:
-    """An uploaded table as a checked Parquet file of this package.
+class Upload(NamedTuple):
+    """A checked table as a Parquet file of this package, and what was found in reading it."""
 
-    Parquet or CSV, told apart by its first bytes, with all columns of the kind and no others. Of a
-    Parquet file that this package wrote, the physics version is checked and the metadata are kept.
-    Raises DldsimError.
+    content: bytes
+    rows: int
+    found: list[str]
+
+
+def read_upload(kind: str, content: bytes, rows_max: int) -> Upload:
+    """An uploaded table, Parquet or CSV, with all columns of the kind and no others.
+
+    Of a Parquet file that this package wrote, the physics version is checked and the metadata are
+    kept. Raises DldsimError.
     """
     where = f"uploaded table {kind}"
     remedy = "Upload the file that a campaign wrote: results/" + kind + ".parquet or its CSV twin."
-    about: dict[str, Any] = {}
-    try:
-        if content[:4] == b"PAR1":
-            file = pq.ParquetFile(io.BytesIO(content))
-            if file.metadata.num_rows > rows_max:
-                raise DldsimError(f"{where}: {file.metadata.num_rows} rows; at most {rows_max}.")
-            if file.metadata.num_columns > 2 * len(COLUMNS[kind]):
-                raise DldsimError(f"{where}: {file.metadata.num_columns} columns. {remedy}")
-            size = sum(file.metadata.row_group(i).total_byte_size
-                       for i in range(file.metadata.num_row_groups))
-            groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
-            values = max((g.column(i).num_values for g in groups for i in range(g.num_columns)),
-                         default=0)
-            if size > 64 * len(content) + 10**7 or values > 200 * rows_max:
-                raise DldsimError(f"{where}: {size} bytes and {values} values in a column when "
-                                  f"unpacked. {remedy}")
-            about = json.loads((file.schema_arrow.metadata or {}).get(METADATA_KEY, b"{}"))
-            table = file.read()
-        else:
-            types = {c.name: pa.string() if pa.types.is_list(c.type) else c.type
-                     for c in COLUMNS[kind]}
-            text = {c.name for c in COLUMNS[kind] if c.type == pa.string() and not c.nullable}
-            table = pyarrow.csv.read_csv(
-                io.BytesIO(content), read_options=pyarrow.csv.ReadOptions(use_threads=False),
-                convert_options=pyarrow.csv.ConvertOptions(column_types=types,
-                                                           strings_can_be_null=True,
-                                                           quoted_strings_can_be_null=False))
-            for i, field in enumerate(table.schema):
-                if field.name in text:
-                    table = table.set_column(i, field.name, table[i].fill_null(""))
-            for column in COLUMNS[kind]:
-                if pa.types.is_list(column.type) and column.name in table.column_names:
-                    values = [json.loads(v) if v else None
-                              for v in table[column.name].to_pylist()]
-                    i = table.column_names.index(column.name)
-                    table = table.set_column(i, column.name, pa.array(values, column.type))
-    except DldsimError:
-        raise
-    except Exception as error:  # whatever a parser says of a file that is none
-        reason = " ".join(str(error).split())[:300]
-        raise DldsimError(f"{where} is neither a readable Parquet file nor CSV: {reason}. {remedy}"
-                          ) from error
-    if table.num_rows > rows_max:
-        raise DldsimError(f"{where}: {table.num_rows} rows; at most {rows_max}.")
-    if not table.num_rows:
-        raise DldsimError(f"{where} has no rows.")
+    if content[:4] == b"PAR1":
+        _check_size(content, where, remedy, len(COLUMNS[kind]), rows_max)
+    frame, found, about = read_user_table(content, where)
+    if len(frame) > rows_max:
+        raise DldsimError(f"{where}: {len(frame)} rows; at most {rows_max}.")
+    if frame.empty:
+        raise DldsimError(f"{where} has no rows. {remedy}")
     if about.get("kind", kind) != kind:
         raise DldsimError(f"{where}: this is a table of kind {about['kind']}. {remedy}")
-    if about.get("physics_version", PHYSICS_VERSION) != PHYSICS_VERSION:
-        raise DldsimError(
-            f"{where} was made by physics version {about['physics_version']}; this is version "
-            f"{PHYSICS_VERSION}, whose trajectories differ. Make the campaign anew."
-        )
-    doubled = [n for n in set(table.column_names) if table.column_names.count(n) > 1]
-    if doubled:
-        raise DldsimError(f"{where}: column {doubled[0]} is there more than once.")
-    columns = {name: table[name].combine_chunks() for name in table.column_names}
+    columns = as_columns(kind, frame, where)
+    for name in PLAUSIBLE:
+        if name in columns:
+            check_plausible(columns[name].astype(float), where)
     kept = {k: about[k] for k in ("config_hash", "seed", "settings") if k in about}
     kept["uploaded_sha256"] = hashlib.sha256(content).hexdigest()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{kind}.parquet"
-        write_table(kind, columns, path, kept)
+        try:
+            write_table(kind, columns, path, kept)
+        except DldsimError as error:
+            raise DldsimError(f"{where}: {error}") from error
         if kind == "outcomes":
             _check_outcomes(read_table(kind, path), where)
-        return path.read_bytes()
+        return Upload(path.read_bytes(), len(frame), found)
 
 
-RANGES = {
-    "pillar_radius_um": (0.1, 1000), "gap_um": (0.1, 1000), "periodicity": (2, 100),
-    "cell_radius_um": (0.1, 100), "deformation_index": (0, 1), "migration_angle_deg": (-90, 90),
-    "mean_velocity_mm_s": (1e-6, 1e4), "height_um": (0, 1e4),
-}  # fmt: skip
+def _check_size(content: bytes, where: str, remedy: str, columns: int, rows_max: int) -> None:
+    """Refuse a Parquet file that would become too large when unpacked. Raises DldsimError."""
+    try:
+        about = pq.ParquetFile(io.BytesIO(content)).metadata
+    except (pa.ArrowException, OSError):
+        return  # the reader tells why
+    if about.num_rows > rows_max:
+        raise DldsimError(f"{where}: {about.num_rows} rows; at most {rows_max}.")
+    if about.num_columns > 2 * columns:
+        raise DldsimError(f"{where}: {about.num_columns} columns. {remedy}")
+    groups = [about.row_group(i) for i in range(about.num_row_groups)]
+    size = sum(g.total_byte_size for g in groups)
+    values = max((g.column(i).num_values for g in groups for i in range(g.num_columns)), default=0)
+    if size > 64 * len(content) + 10**7 or values > 200 * rows_max:
+        raise DldsimError(f"{where}: {size} bytes and {values} values in a column when unpacked. "
+                          f"{remedy}")
+
+
+def check_sets(parts: Mapping[str, bytes]) -> None:
+    """Refuse outcomes of a stiffness set that the calibration beside them does not know."""
+    if "calibration" in parts:
+        outcomes, calibration = (pq.read_table(io.BytesIO(parts[kind])).to_pandas()
+                                 for kind in ("outcomes", "calibration"))
+        try:
+            join_deformation_index(outcomes, calibration)
+        except DldsimError as error:
+            raise DldsimError(f"uploaded table calibration: {error}") from error
 
 
 def _check_outcomes(outcomes: pd.DataFrame, where: str) -> None:
-    """Refuse values that no outcome has, and what cannot be learnt from. Raises DldsimError."""
-    for name, (low, high) in RANGES.items():
-        values = outcomes[name].dropna()
-        bad = values[(values < low) | (values > high)]
-        if len(bad):
-            raise DldsimError(f"{where}, column {name}, row {bad.index[0]}: {bad.iloc[0]:g}; "
-                              f"allowed {low:g} to {high:g}.")
+    """Refuse what cannot be learnt from. Raises DldsimError."""
     doubled = outcomes["outcome_id"][outcomes["outcome_id"].duplicated()]
     if len(doubled):
         raise DldsimError(f"{where}: outcome_id {doubled.iloc[0][:80]} is there more than once.")
@@ -302,7 +289,7 @@ def _check_outcomes(outcomes: pd.DataFrame, where: str) -> None:
         raise DldsimError(f"{where}: status {MEASURED} is kept for measured angles, which POST "
                           "/measurements takes.")
     try:
-        design_jobs.settings_of_outcomes(outcomes)
+        finished_campaign.settings_of_outcomes(outcomes)
         surrogate.learnable(outcomes)
     except (KeyError, TypeError, ValueError) as error:
         raise DldsimError(f"{where}: column numerics is not that of an outcome: {error!r:.200}."

@@ -42,6 +42,19 @@ CampaignId = Annotated[str, Field(pattern=UUID, description="a campaign of POST 
                                   "/measurements; left out: the service's own")]
 
 
+def _no_flag(cls: type[BaseModel], value: Any, info: Any) -> Any:
+    """Refuse true and false where a number is asked for, which they would count as."""
+    given = value if isinstance(value, list | tuple) else [value]
+    if cls.model_fields[info.field_name].annotation is not bool and any(
+            isinstance(v, bool) for v in given):
+        raise ValueError("a value of this field, not true or false")
+    return value
+
+
+def no_flags() -> Any:
+    """Validator of a request's fields against true and false in place of numbers."""
+    return field_validator("*", mode="before")(classmethod(_no_flag))
+
 
 class Answer(BaseModel):
     """Base of answers."""
@@ -74,6 +87,8 @@ class Problem(Answer):
 
 class DesignSpec(DesignRequest):
     """Two cell types to be separated: a request of `python -m dldsim design`, and how to do it."""
+
+    _no_flags = no_flags()
 
     model_config = ConfigDict(json_schema_extra={"examples": [
         {"stiffness_set_1": "1", "stiffness_set_2": "5", "trials": 60, "seed": 1}]})
@@ -119,6 +134,8 @@ class OptimizeSpec(DesignSpec):
 class PredictSpec(Section):
     """One array and one cell type."""
 
+    _no_flags = no_flags()
+
     model_config = ConfigDict(json_schema_extra={"examples": [
         {"pillar_radius_um": 7.0, "gap_um": 16.0, "periodicity": 6, "deformation_index": 0.7}]})
 
@@ -134,6 +151,8 @@ class PredictSpec(Section):
 class StiffnessSpec(Section):
     """A measured deformation index."""
 
+    _no_flags = no_flags()
+
     model_config = ConfigDict(json_schema_extra={"examples": [
         {"deformation_index": 0.7, "error": 0.01}]})
 
@@ -147,6 +166,8 @@ class StiffnessSpec(Section):
 
 class Measurement(Section):
     """The angle of one cell type in a fabricated device."""
+
+    _no_flags = no_flags()
 
     pillar_radius_um: float = Field(ge=0.1, le=100, description="as fabricated")
     gap_um: float = Field(ge=0.1, le=200, description="as fabricated")
@@ -164,6 +185,8 @@ class Measurement(Section):
 
 class MeasurementsSpec(Section):
     """Measured angles to be learnt from, beside the outcomes of a campaign."""
+
+    _no_flags = no_flags()
 
     model_config = ConfigDict(json_schema_extra={"examples": [
         {"height_um": 20.0, "mean_velocity_mm_s": 0.5, "measurements": [
@@ -215,6 +238,7 @@ class Provenance(Answer):
     campaign: str | None = Field(description="id of an uploaded campaign; null: the service's own")
     campaign_name: str = Field(description="in words, to be shown")
     origin: Literal["tracked", "uploaded", "measurements"]
+    holds_for: str = Field("", description="shape of the cells, height and velocity, to be shown")
     outcomes: int = Field(description="rows of the table of outcomes")
     used: int = Field(description="of which learnt from")
     measured: int = Field(0, description="of which measured on fabricated devices, not simulated")
@@ -447,6 +471,7 @@ class CampaignStatus(Answer):
     origin: Literal["uploaded", "measurements"]
     created: str
     rows: int
+    found: list[str] = Field([], description="what the tables were read with: separators, commas")
     error: str | None = None
     card: dict[str, Any] | None = None
     provenance: Provenance | None = None

@@ -1,15 +1,29 @@
 """Settings of the service, from environment variables DLDSIM_WEB_… and from the command line."""
 
+import difflib
+import ipaddress
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
+from pydantic import Field, ValidationError, field_validator
 
-from dldsim.config.sections import Device, Section, Sweep, Verification, read_config, validate
+from dldsim.config import sections
+from dldsim.config.sections import (
+    Config,
+    Device,
+    Section,
+    Sweep,
+    Verification,
+    read_config,
+)
+from dldsim.errors import DldsimError
 
 PREFIX = "DLDSIM_WEB_"
+OTHERS = ("API", "TEST_")
+"""Variables of this prefix, or beginnings of them, that others read: the page and the tests."""
 
 
 def _state() -> Path:
@@ -30,6 +44,9 @@ class Settings(Section):
     state: Path = Field(default_factory=_state, description="folder of queue and results")
     host: str = Field("127.0.0.1", description="address to listen on")
     port: int = Field(8000, ge=0, le=65535, description="port to listen on")
+    root_path: str = Field(
+        "", description="path under which a proxy shows the service, such as /dldsim"
+    )
     workers: int = Field(1, ge=1, le=64, description="processes that search and fit")
     verify_workers: int = Field(1, ge=0, le=64, description="processes that simulate; 0: none")
     queue_max: int = Field(100, ge=1, description="searches and fits waiting or running at most")
@@ -51,21 +68,75 @@ class Settings(Section):
         (), description="origins whose pages may call the service; none: closed"
     )
 
+    @field_validator("host")
+    @classmethod
+    def _host(cls, value: str) -> str:
+        """A name or an address; of IPv6 without brackets."""
+        bare = value.removeprefix("[").removesuffix("]")
+        if ":" in bare:
+            try:
+                ipaddress.IPv6Address(bare)
+            except ValueError:
+                raise ValueError("a name or an address alone, without http:// and without a port, "
+                                 "such as 127.0.0.1, ::1 or 0.0.0.0") from None
+        elif not re.fullmatch(r"[A-Za-z0-9._-]+", bare):
+            raise ValueError("a name or an address, such as 127.0.0.1, ::1 or 0.0.0.0")
+        return bare
+
+    @field_validator("root_path")
+    @classmethod
+    def _root_path(cls, value: str) -> str:
+        bare = value.rstrip("/")
+        if not re.fullmatch(r"(/[\w.~-]+)*", bare):
+            raise ValueError("a path that begins with a slash, such as /dldsim")
+        return bare
+
+    @field_validator("cors_origins")
+    @classmethod
+    def _origins(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        bare = [origin.strip().rstrip("/") for origin in value if origin.strip()]
+        for origin in bare:
+            if not re.fullmatch(r"\*|https?://[^/\s,'\"]+", origin):
+                raise ValueError(f"origins without path and without quotes, separated by commas, "
+                                 f"such as https://lab.example, not {origin[:60]}")
+        return tuple(bare)
+
     @classmethod
     def read(cls, given: Mapping[str, Any] | None = None) -> "Settings":
-        """Settings of the environment, with those given over them. Raises DldsimError."""
-        values: dict[str, Any] = {}
-        for key in cls.model_fields:
-            text = os.environ.get(PREFIX + key.upper())
-            if text:
+        """Settings of the environment, with those given over them.
+
+        Raises DldsimError that names the variable or the option, and for unknown variables.
+        """
+        variables = {PREFIX + key.upper(): key for key in cls.model_fields}
+        for name in os.environ:
+            if name.startswith(PREFIX) and name not in variables and not any(
+                    name.startswith(PREFIX + other) for other in OTHERS):
+                close = difflib.get_close_matches(name, variables, n=1)
+                raise DldsimError(f"{name}: there is no such setting."
+                                  + (f" Did you mean {close[0]}?" if close else ""))
+        values, origins = {}, {}
+        for name, key in variables.items():
+            if text := os.environ.get(name):
                 values[key] = text.split(",") if key == "cors_origins" else text
-        values |= {key: value for key, value in (given or {}).items() if value is not None}
-        return validate(cls, values)
+                origins[key] = f"environment variable {name}"
+        for key, value in (given or {}).items():
+            if value is not None:
+                values[key], origins[key] = value, f"option --{key.replace('_', '-')}"
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            problems = [f"{origins.get(str(e['loc'][0]), str(e['loc'][0]))} = {e['input']!r}: "
+                        f"allowed: {sections._allowed(cls, e['loc'], e)}." for e in error.errors()]
+        raise DldsimError("The service cannot be started. " + " ".join(problems))
+
+    def configuration(self) -> Config | None:
+        """The configuration file, found as the commands find it; None if there is none."""
+        path = self.config or Path("config.yaml")
+        return None if self.config is None and not path.exists() else read_config(path)
 
     def campaign(self) -> tuple[Device, float, Verification]:
         """Device, safety distance and verification budget, found as the commands find them."""
-        path = self.config or Path("config.yaml")
-        if self.config is None and not path.exists():
+        config = self.configuration()
+        if config is None:
             return Device(), Sweep.model_fields["safety_distance_um"].default, Verification()
-        config = read_config(path)
         return config.device, config.sweep.safety_distance_um, config.verification

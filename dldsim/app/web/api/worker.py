@@ -18,15 +18,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(name, "1")  # a job is one core's work
-
-from dldsim.app import design_jobs  # noqa: E402
-from dldsim.app.web.api import models  # noqa: E402
-from dldsim.app.web.api.data import Data, table_rows  # noqa: E402
-from dldsim.app.web.api.settings import Settings  # noqa: E402
-from dldsim.app.web.api.store import VERIFICATION, Job, Store  # noqa: E402
-from dldsim.errors import DldsimError  # noqa: E402
+from dldsim.app import design_answers
+from dldsim.app.web.api import models
+from dldsim.app.web.api.data import Data, table_rows
+from dldsim.app.web.api.settings import Settings
+from dldsim.app.web.api.store import VERIFICATION, Job, Store
+from dldsim.errors import DldsimError
 
 REPORT_EVERY_S = 0.3
 IDLE_S = 60.0
@@ -100,7 +97,7 @@ class Worker:
         progress = _Course(self, job, spec)
         clock = time.perf_counter()
         _, _, budget = self.settings.campaign()
-        made = design_jobs.make_designs(spec.request, source.known, spec.seed, budget,
+        made = design_answers.make_designs(spec.request, source.known, spec.seed, budget,
                                         progress.trial)
         seconds["search"] = time.perf_counter() - clock
         clock = time.perf_counter()
@@ -114,7 +111,7 @@ class Worker:
         if job.kind == "design":
             clock = time.perf_counter()
             with tempfile.TemporaryDirectory() as folder:
-                design_jobs.write_designs(made, source.known, Path(folder))
+                design_answers.write_designs(made, source.known, Path(folder))
                 files = files_of(Path(folder), spec.name)
             seconds["files"] = time.perf_counter() - clock
         progress.report("done")
@@ -143,17 +140,17 @@ class Worker:
 
         say("searching")
         _, _, budget = self.settings.campaign()
-        made = design_jobs.make_designs(spec.request, known, spec.seed, budget,
+        made = design_answers.make_designs(spec.request, known, spec.seed, budget,
                                         lambda row: say(f"searching, trial {row['trial']}"))
         # finished releases are kept between attempts; the folder's name is an id of this service
         work = self.settings.state / "outcomes" / job.id
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             try:
-                verdicts = design_jobs.verify_request(
+                verdicts = design_answers.verify_request(
                     spec.request, made.settings, known.chip, known.model, known.tables,
                     work=work, files=folder / "files", progress=say)
-                design_jobs.write_designs(made, known, folder, verdicts)
+                design_answers.write_designs(made, known, folder, verdicts)
             except (DldsimError, Cancelled):
                 shutil.rmtree(work, ignore_errors=True)
                 raise
@@ -225,7 +222,7 @@ GRID_TRIALS = 2000
 """Trials of a grid that an answer holds, best first; the tables have all."""
 
 
-def result_of(made: design_jobs.Made, source) -> dict[str, Any]:
+def result_of(made: design_answers.Made, source) -> dict[str, Any]:
     """The tables of a search as an answer, with the interval of each candidate's angles."""
     from dldsim.report.design_figures import best_so_far
 

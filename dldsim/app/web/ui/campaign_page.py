@@ -169,11 +169,9 @@ def _predict(info: models.ModelInfo) -> None:
         asked_for, found = st.session_state["prediction"]
         if asked_for != spec or found.provenance.campaign != parts.campaign():
             st.caption("The fields were changed since; press Predict again.")
-        first, second, third = st.columns([2, 3, 2])
-        first.metric("θ_m", f"{found.angle_deg:.2f}°")
-        second.metric(f"{found.level:.0%} interval",
-                      f"{found.low_deg:.2f} to {found.high_deg:.2f}°")
-        third.metric("mode", found.mode)
+        parts.metrics((("θ_m", f"{found.angle_deg:.2f}°"),
+                       (f"{found.level:.0%} interval",
+                        f"{found.low_deg:.2f} to {found.high_deg:.2f}°"), ("mode", found.mode)))
         sigma = "not studied" if found.sigma_num_deg is None else f"{found.sigma_num_deg:.2f}°"
         inside = "inside" if found.inside_domain else "**outside**"
         st.markdown(f"Full bump: {found.bump_angle_deg:.2f}°. Numerical uncertainty σ_num: {sigma}."

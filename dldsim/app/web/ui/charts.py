@@ -37,7 +37,8 @@ BINS = 12
 TEMPLATE = go.layout.Template(layout={
     "font": {"family": "Source Sans Pro, DejaVu Sans, sans-serif", "size": 14, "color": "#262730"},
     "paper_bgcolor": "white", "plot_bgcolor": "white", "hovermode": "closest",
-    "margin": {"l": 60, "r": 20, "t": 30, "b": 50},
+    "margin": {"l": 60, "r": 48, "t": 30, "b": 50},
+    "modebar": {"orientation": "v"},  # in the margin at the right, beside legend and curves
     "xaxis": {"gridcolor": "#E4E6E9", "linecolor": "#444444", "ticks": "outside",
               "zeroline": False, "automargin": True},
     "yaxis": {"gridcolor": "#E4E6E9", "linecolor": "#444444", "ticks": "outside",
@@ -365,7 +366,7 @@ def domain(geometries: Sequence[Sequence[float]], request: Row, designs: Sequenc
 
 def index_strip(learnt: Sequence[float], cells: Sequence[tuple[float, float | None]]) -> go.Figure:
     """Range of deformation indices learnt from, and both cell types with their spread."""
-    figure = _figure(170, xaxis_title="deformation index", margin={"l": 70, "r": 20, "t": 10,
+    figure = _figure(170, xaxis_title="deformation index", margin={"l": 70, "r": 48, "t": 10,
                                                                   "b": 50},
                      yaxis={"tickvals": [1, 0], "ticktext": ["type 1", "type 2"],
                             "range": [-0.6, 1.6], "showgrid": False}, showlegend=False)

@@ -1,6 +1,5 @@
 """Calls of /api/v1. What is refused or fails becomes an :class:`ApiError` that can be shown."""
 
-import os
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, TypeVar
@@ -9,7 +8,7 @@ import httpx
 from pydantic import BaseModel, ValidationError
 
 from dldsim.app.web.api import models
-from dldsim.app.web.ui import API_DEFAULT, API_VARIABLE
+from dldsim.app.web.ui import api_address
 
 PREFIX = "/api/v1"
 TIMEOUT = httpx.Timeout(30.0, connect=3.0)
@@ -27,8 +26,11 @@ class ApiError(Exception):
 
 
 def address() -> str:
-    """Where the API is."""
-    return os.environ.get(API_VARIABLE, API_DEFAULT).rstrip("/")
+    """Where the API is. Raises ApiError if the setting is no address."""
+    try:
+        return api_address()
+    except ValueError as error:
+        raise _silent(f"This page does not know where the service is. {error}") from error
 
 
 @cache
@@ -44,7 +46,7 @@ def call(method: str, path: str, **more: Any) -> httpx.Response:
     except httpx.TimeoutException as error:
         raise _silent(f"The service at {address()} did not answer within {TIMEOUT.read:g} s. It "
                       "may be busy; try again.") from error
-    except httpx.HTTPError as error:
+    except (httpx.HTTPError, httpx.InvalidURL) as error:
         raise _silent(f"The service cannot be reached at {address()}. Start it with "
                       "`python -m dldsim serve api`, or both parts with `make web`.") from error
     if answer.is_success:
@@ -110,7 +112,7 @@ def cancel(identifier: str) -> models.DesignStatus:
 
 def content(file: models.FileInfo) -> bytes:
     """Bytes of a file of a design, whose address is as the API gave it."""
-    return call("GET", file.url.removeprefix(PREFIX)).content
+    return call("GET", file.url.partition(PREFIX)[2]).content
 
 
 def predict(spec: Mapping[str, Any]) -> models.Prediction:

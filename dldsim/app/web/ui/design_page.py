@@ -97,7 +97,6 @@ def _fill(spec: models.DesignSpec) -> None:
     for name in BOUNDS:
         for side, value in zip(("low", "high"), given[name], strict=True):
             state[f"form:{name}_{side}"] = value
-    state["form:periodicity"] = tuple(given["periodicity"])
     for name in ("objective", "sampler", "trials", "startup_trials", "grid_steps", "draws",
                  "candidates", "tolerance_um", "height_tolerance_um", "pillar_aspect_ratio_max",
                  "lateral_separation_um", "pressure_max_kPa", "seed", "verify", "name"):
@@ -199,21 +198,16 @@ def _bounds(info: models.ModelInfo, fields: Mapping[str, models.FieldLimit]) -> 
         for (name, label), column in zip(BOUNDS.items(), st.columns(3), strict=True):
             field = fields[name]
             with column:
-                if name == "periodicity":
-                    st.session_state.setdefault("form:periodicity", tuple(field.default))
-                    found[name] = list(st.slider(
-                        f"{label} [rows]", int(field.minimum), int(field.maximum),
-                        key="form:periodicity",
-                        help=f"Rows after which the array repeats. Allowed: "
-                             f"{parts.allowed(field)}."))
-                else:
-                    st.markdown(f"{label} [{field.unit}]")
-                    left, right = st.columns(2)
-                    with left:
-                        low = number(field, "lowest", f"form:{name}_low", field.default[0])
-                    with right:
-                        high = number(field, "highest", f"form:{name}_high", field.default[1])
-                    found[name] = [low, high]
+                whole = name == "periodicity"
+                st.markdown(f"{label} [{field.unit or 'rows'}]")
+                left, right = st.columns(2)
+                with left:
+                    low = number(field, "lowest", f"form:{name}_low", field.default[0],
+                                 whole=whole)
+                with right:
+                    high = number(field, "highest", f"form:{name}_high", field.default[1],
+                                  whole=whole)
+                found[name] = [low, high]
                 values = learnt[name]
                 st.caption(f"allowed {parts.allowed(field)}; simulated {min(values):g} to "
                            f"{max(values):g} {field.unit or 'rows'}")
@@ -349,16 +343,13 @@ def _live(identifier: str) -> None:
 
 
 def _metrics(best: Mapping[str, Any], uncertainty: float | None = None) -> None:
-    columns = st.columns(5)
     error = "" if uncertainty is None else f" ± {uncertainty:.2f}"
-    for column, (label, value) in zip(columns, (
-            ("P_r, pillar radius", f"{best['pillar_radius_um']:.2f} µm"),
-            ("P_g, gap", f"{best['gap_um']:.2f} µm"),
-            ("N_p, periodicity", f"{best['periodicity']}"),
-            ("|Δθ|, predicted", f"{best['separation_deg']:.2f}{error}°"),
-            ("θ₁ and θ₂", f"{best['angle_1_deg']:.2f}°, {best['angle_2_deg']:.2f}°")),
-            strict=True):
-        column.metric(label, value)
+    parts.metrics((
+        ("P_r, pillar radius", f"{best['pillar_radius_um']:.2f} µm"),
+        ("P_g, gap", f"{best['gap_um']:.2f} µm"),
+        ("N_p, periodicity", f"{best['periodicity']}"),
+        ("|Δθ|, predicted", f"{best['separation_deg']:.2f}{error}°"),
+        ("θ₁ and θ₂", f"{best['angle_1_deg']:.2f}°, {best['angle_2_deg']:.2f}°")))
 
 
 # --------------------------------------------------------------------------------------- finished

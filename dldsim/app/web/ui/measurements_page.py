@@ -119,8 +119,9 @@ def _upload(info: models.ModelInfo) -> None:
     for kind, column in zip(("outcomes", "calibration", "flows"), st.columns(3), strict=True):
         with column:
             given = st.file_uploader(
-                kind if kind == "outcomes" else f"{kind}, if wanted", type=["csv", "parquet"],
-                key=f"upload_{kind}", max_upload_size=megabytes)
+                kind if kind == "outcomes" else f"{kind}, if wanted",
+                type=["csv", "txt", "tsv", "parquet"], key=f"upload_{kind}",
+                max_upload_size=megabytes)
             if given is not None:
                 files[kind] = (given.name, given.getvalue())
             at_field("upload", kind)
@@ -184,6 +185,8 @@ def _campaign(status: models.CampaignStatus) -> None:
             used = parts.campaign() == status.id
             st.success(f"**{plain(status.name)}** is ready: {status.rows} rows."
                        + (" Answers come from it." if used else ""), icon=":material/check_circle:")
+            if status.found:
+                st.caption("Read as: " + plain("; ".join(status.found)) + ".")
             _scores(status)
         with st.container(horizontal=True):
             if status.state == "ready" and parts.campaign() != status.id:

@@ -149,8 +149,15 @@ def survive() -> None:
 
 def chart(figure: go.Figure, key: str, alt: str) -> None:
     st.plotly_chart(figure, theme=None, key=key, alt=alt,
-                    config={"displaylogo": False, "modeBarButtonsToRemove": ["lasso2d",
-                                                                             "select2d"]})
+                    config={"displaylogo": False, "modeBarButtonsToRemove": [
+                        "lasso2d", "select2d", "zoomIn2d", "zoomOut2d", "autoScale2d"]})
+
+
+def metrics(values: Iterable[tuple[str, str]]) -> None:
+    """Headline figures, each as wide as it is; they wrap and are never cut."""
+    with st.container(horizontal=True, gap="small"):
+        for label, value in values:
+            st.metric(label, value, width="content")
 
 
 def frame(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, str]],
@@ -235,6 +242,8 @@ def provenance(found: models.Provenance) -> None:
     """Where the numbers of this page come from."""
     origin = {"tracked": "simulations tracked with the service", "uploaded": "uploaded by a user",
               "measurements": "simulations and measured angles"}[found.origin]
+    if found.holds_for:
+        st.markdown(f"Holds for {plain(found.holds_for)}.")
     measured = f", {found.measured} of them measured on devices" if found.measured else ""
     st.caption(
         f":material/database: **{plain(found.campaign_name)}** ({origin}): {found.outcomes} "

@@ -1,4 +1,4 @@
-"""Laws of the analysis of variance and of the stability score."""
+"""Laws of the analysis of variance."""
 
 from itertools import product
 
@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 from scipy.stats import f, f_oneway
 
-from dldsim.analysis.statistics import GEOMETRY, analyse, anova, most_frequent, robustness
+from dldsim.analysis.anova import analyse, anova
+from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.errors import DldsimError
 
 DI = {"1": 0.50, "2": 0.60, "3": 0.78}
@@ -176,80 +177,125 @@ def test_rows_without_angle_are_counted():
     assert pick(anova(frame), "main_effects", "residual")["df"] == 79 - 8
 
 
+def test_every_row_that_is_left_out_is_counted_once():
+    frame = factorial(noisy(r=1)).assign(status="decided")
+    frame.loc[[3, 5], "migration_angle_deg"] = np.nan
+    frame.loc[5, "status"] = "stuck"
+    frame.loc[5, "gap_um"] = np.nan
+    frame.loc[7, "migration_angle_deg"] = np.inf
+    frame.loc[[9, 10, 11], "stiffness_set"] = [None, np.nan, ""]
+    table = anova(frame)
+    rows = table[(table["model"] == "hierarchical") & (table["term"] == "rows")]["note"].tolist()
+    assert sorted(rows) == [
+        "1 of 81 rows left out: infinite migration_angle_deg (status decided: 1)",
+        "1 of 81 rows left out: no gap_um (status stuck: 1)",
+        "1 of 81 rows left out: no migration_angle_deg (status decided: 1)",
+        "3 of 81 rows left out: no stiffness_set (status decided: 3)",
+    ]
+    assert pick(table, "main_effects", "residual")["df"] == 75 - 8
+    few = [f"row {n}" for n in anova(frame.sample(frac=1, random_state=1))["note"] if "rows" in n]
+    assert len(few) == 3 * 4  # whatever the index of the frame
+
+
+def test_rows_beyond_the_bound_are_counted(monkeypatch):
+    monkeypatch.setattr("dldsim.analysis.anova.ROWS_MOST", 60)
+    frame = factorial(noisy(r=1))
+    table = anova(frame)
+    assert "21 of 81 rows left out: at most 60" in pick(table, "main_effects", "rows")["note"]
+    assert pick(table, "main_effects", "residual")["df"] == 60 - 8
+    monkeypatch.setattr("dldsim.analysis.anova.ROWS_MOST", 170)  # two of each cell stay balanced
+    table = anova(pd.concat([frame.assign(replicate=i, migration_angle_deg=lambda t, i=i:
+                                          t["migration_angle_deg"] + i) for i in range(3)]))
+    assert "81 of 243 rows left out: at most 170" in pick(table, "main_effects", "rows")["note"]
+    assert pick(table, "main_effects", "pillar_radius_um")["p_permutation"] <= 0.01
+
+
+def test_many_levels_are_refused():
+    frame = factorial(noisy(r=1)).assign(gap_um=np.linspace(10, 20, 81))
+    with pytest.raises(DldsimError, match="gap_um has 81 different values.*bin it"):
+        anova(frame)
+
+
+def test_rows_that_are_there_twice_are_refused_but_repeats_are_not():
+    frame = factorial(noisy(seed=1, r=1))
+    with pytest.raises(DldsimError, match="rows 1 and 82 below the header.*replicate"):
+        anova(pd.concat([frame, frame[:1]]))
+    again = pd.concat([frame.assign(replicate=i, migration_angle_deg=lambda t, i=i:
+                                    t["migration_angle_deg"] + 0.01 * i) for i in range(3)])
+    table = anova(again)
+    note = pick(table, "hierarchical", "residual")["note"]
+    assert "162 degrees of freedom" in note and "simulation" not in note
+    scatter = float(note.partition("squares ")[2].split()[0])
+    assert scatter == pytest.approx(81 * 2 * 0.01**2, rel=1e-3)
+
+
+def test_measured_angles_need_no_stiffness_set():
+    frame = factorial(noisy(seed=3, r=0.5))
+    table = anova(frame.drop(columns="stiffness_set"))
+    same = anova(frame)
+    assert pick(table, "hierarchical", "pillar_radius_um").equals(
+        pick(same, "hierarchical", "pillar_radius_um"))
+    assert "deformation_index" in pick(table, "hierarchical", "stiffness_set")["note"]
+
+
+@pytest.mark.parametrize("factor", [-1, np.radians(1), 0.5])
+def test_f_and_p_depend_on_no_unit(factor):
+    frame = factorial(noisy(seed=3, r=0.5, n=-0.3))
+    numbers = ["f_value", "p_value", "p_robust", "p_permutation", "partial_eta_sq"]
+    one = anova(frame)[["model", "term", *numbers]].dropna()
+    other = anova(frame.assign(migration_angle_deg=factor * frame["migration_angle_deg"]))
+    other = other[["model", "term", *numbers]].dropna()
+    pd.testing.assert_frame_equal(one.reset_index(drop=True), other.reset_index(drop=True))
+
+
+@pytest.mark.parametrize(("angle", "word"), [
+    (lambda f: -f, "against the row shift"), (lambda f: np.radians(f), "radians"),
+    (lambda f: 3 * f, "no array moves cells so far"), (lambda f: f, None),
+])  # fmt: skip
+def test_a_doubtful_unit_is_said(angle, word):
+    draw = np.random.default_rng(2)
+    frame = factorial(lambda r, g, n, d: np.degrees(np.arctan(1 / n)) * draw.choice([0.02, 1]))
+    notes = anova(frame.assign(migration_angle_deg=angle(frame["migration_angle_deg"])))
+    notes = notes[notes["term"] == "migration_angle_deg"]["note"]
+    assert notes.str.contains(word).all() and len(notes) == 3 if word else notes.empty
+
+
+def test_other_conditions_in_the_table_are_said():
+    frame = factorial(noisy(r=1)).assign(height_um=np.where(np.arange(81) % 2, 20.0, 30.0))
+    assert "2 different values" in pick(anova(frame), "main_effects", "height_um")["note"]
+
+
+@pytest.mark.parametrize("type_", ["category", "Float64", object, "string", "float32"])
+def test_types_of_columns_do_not_matter(type_):
+    frame = factorial(noisy(seed=1, r=1)).astype({"gap_um": float}).round(6)
+    for name in ("gap_um", "periodicity", "stiffness_set"):
+        if name != "stiffness_set" or type_ not in ("Float64", "float32"):
+            frame[name] = frame[name].astype(type_)
+    expected = anova(factorial(noisy(seed=1, r=1)).round(6))
+    pd.testing.assert_frame_equal(anova(frame), expected)
+
+
 @pytest.mark.parametrize(
     "spoil, words",
     [
-        (lambda f: f.drop(columns=["gap_um", "stiffness_set"]), ["gap_um", "stiffness_set"]),
+        (lambda f: f.drop(columns=["gap_um", "periodicity"]), ["lacks gap_um, periodicity"]),
         (lambda f: f.assign(deformation_index=np.nan), ["deformation_index", "calibration"]),
         (lambda f: f.assign(migration_angle_deg=np.nan), ["migration_angle_deg"]),
         (lambda f: f.assign(migration_angle_deg=3.0), ["no variance"]),
-        (lambda f: f.assign(gap_um="wide"), ["gap_um", "text"]),
+        (lambda f: f.assign(gap_um="wide"), ["gap_um", "'wide' is no number"]),
         (lambda f: f.iloc[:0], ["none of the 0 rows"]),
+        (lambda f: f.assign(pillar_radius_um=-5), ["pillar_radius_um", "-5", "0.1 to 1000"]),
+        (lambda f: f.assign(gap_um=f["gap_um"] * 1e-6), ["gap_um", "In m it would be 1"]),
+        (lambda f: f.assign(periodicity=4.5), ["periodicity", "4.5", "whole numbers"]),
+        (lambda f: f.assign(deformation_index=7), ["deformation_index", "7", "0 to 1"]),
+        (lambda f: f.assign(migration_angle_deg=9999), ["9999", "-90 to 90"]),
+        (lambda f: f.assign(gap_um=f["gap_um"] > 18), ["gap_um", "true or false"]),
     ],
 )
 def test_unusable_tables_are_refused(spoil, words):
     with pytest.raises(DldsimError) as error:
         anova(spoil(factorial(noisy())))
     assert all(word in str(error.value) for word in words)
-
-
-def test_stability_score_by_hand():
-    """Three gaps in a line: angles 1, 3, 6; S = 4, (4 + 9)/2, 9."""
-    frame = factorial(lambda r, g, n, d: {18: 1, 20: 3, 22: 6}[g] + d, radii=(6,), rows=(4,))
-    table = robustness(frame.assign(mode="bump")).set_index("gap_um")
-    assert table["stability_score_deg2"].to_dict() == pytest.approx({18: 4, 20: 6.5, 22: 9})
-    assert table["neighbours"].to_dict() == {18: 1, 20: 2, 22: 1}
-    assert table["robust"].to_dict() == {18: True, 20: False, 22: False}
-    assert table["mean_migration_angle_deg"][18] == pytest.approx(1 + np.mean(list(DI.values())))
-    assert set(table["modes"]) == {"bump 3"}
-
-
-def test_neighbours_of_a_full_grid():
-    table = robustness(factorial(lambda r, g, n, d: r + 10.0 * g)).set_index(GEOMETRY)
-    assert table.loc[(8, 20, 6), "neighbours"] == 6
-    assert table.loc[(6, 18, 4), "neighbours"] == 3
-    # steps of 2 in r, 20 in g, 0 in n
-    assert table.loc[(8, 20, 6), "stability_score_deg2"] == pytest.approx((4 + 400) * 2 / 6)
-    assert table.loc[(6, 18, 4), "stability_score_deg2"] == pytest.approx((4 + 400) / 3)
-
-
-def test_tied_gap_and_radius_move_together():
-    frame = factorial(lambda r, g, n, d: float(r), gaps=(16, 18, 20))
-    table = robustness(frame[frame["gap_um"] == frame["pillar_radius_um"] + 10])
-    assert len(table) == 9
-    middle = table.set_index(GEOMETRY).loc[(8, 18, 6)]
-    assert middle["neighbours"] == 4 and middle["stability_score_deg2"] == pytest.approx(2.0)
-
-
-def test_geometry_without_neighbour_has_no_score():
-    frame = factorial(noisy(r=1), radii=(6, 8), gaps=(18, 20), rows=(4, 6))
-    alone = pd.DataFrame(
-        [{"pillar_radius_um": 30, "gap_um": 50, "periodicity": 9, "stiffness_set": "1",
-          "deformation_index": 0.5, "migration_angle_deg": 1.0}]
-    )
-    row = robustness(pd.concat([frame, alone])).iloc[-1]
-    assert row["neighbours"] == 0 and np.isnan(row["stability_score_deg2"]) and not row["robust"]
-
-
-def test_a_failed_run_is_not_sensitivity():
-    frame = factorial(lambda r, g, n, d: 10 * d, radii=(6,), rows=(4,))
-    frame.loc[0, "migration_angle_deg"] = np.nan
-    assert robustness(frame)["stability_score_deg2"].max() == pytest.approx(0)
-
-
-def test_robust_share():
-    rng = np.random.default_rng(0)
-    table = robustness(factorial(lambda r, g, n, d: rng.normal()))
-    assert table["robust"].sum() == 4
-    worst = table.loc[table["robust"], "stability_score_deg2"].max()
-    assert (table.loc[~table["robust"], "stability_score_deg2"] > worst).all()
-
-
-def test_robustness_needs_angles():
-    with pytest.raises(DldsimError, match="no row"):
-        robustness(factorial(noisy()).assign(migration_angle_deg=np.nan))
-    with pytest.raises(DldsimError, match="gap_um"):
-        robustness(factorial(noisy()).drop(columns="gap_um"))
 
 
 def test_omega_and_eta_by_hand():
@@ -303,8 +349,51 @@ def test_permutation_finds_what_is_there():
     assert pick(table, "hierarchical", "deformation_index:pillar_radius_um")[
         "p_permutation"] <= 0.005
     assert pick(table, "hierarchical", "gap_um:periodicity")["p_permutation"] > 0.01
-    missing = factorial(noisy(seed=3, r=0.5)).drop(range(0, 81, 4))  # few geometries are complete
-    assert anova(missing)["p_permutation"].isna().all()
+
+
+def why_no_p(table):
+    """Notes on p by permutation, of the first model."""
+    assert table[table["model"] == "main_effects"]["p_permutation"].isna().all()
+    return pick(table, "main_effects", "p_permutation")["note"]
+
+
+def test_without_a_p_by_permutation_the_reason_is_said(monkeypatch):
+    full = factorial(noisy(seed=3, r=0.5))
+    assert "hold 57 of 73 rows" in why_no_p(anova(full.drop(range(0, 24, 3))))
+    assert "5 are needed" in why_no_p(anova(factorial(noisy(r=1), gaps=(18,), radii=(6,))))
+    monkeypatch.setattr("dldsim.analysis.permutation.VALUES", 81 * 50)
+    assert "81 cells allow 50 permutations" in why_no_p(anova(full))
+
+
+def test_many_rows_get_fewer_permutations_and_say_so(monkeypatch):
+    full = factorial(noisy(seed=3, r=0.5))
+    monkeypatch.setattr("dldsim.analysis.permutation.VALUES", 81 * 199)
+    table = anova(full)
+    assert pick(table, "main_effects", "pillar_radius_um")["p_permutation"] == 1 / 200
+    assert "199 permutations instead of 999" in pick(table, "main_effects", "p_permutation")["note"]
+
+
+def test_repeats_that_agree_leave_p_as_it_is():
+    """Three equal rows for one: the same permutations, the same ratios."""
+    full = factorial(noisy(seed=3, r=0.05, d=0.3))
+    one = anova(full)
+    three = anova(pd.concat([full.assign(replicate=i) for i in range(3)]))
+    for model in ("main_effects", "hierarchical"):
+        p = [t[(t["model"] == model)].dropna(subset=["p_permutation"])["p_permutation"].tolist()
+             for t in (one, three)]
+        assert p[0] == p[1] and len(set(p[0])) > 2
+
+
+def test_repeats_are_permuted_with_their_cell():
+    draw = np.random.default_rng(5)
+    full = factorial(noisy(seed=3, r=0.5, d=3))
+    repeated = pd.concat([full.assign(migration_angle_deg=full["migration_angle_deg"]
+                                      + 0.01 * draw.normal(size=81)) for _ in range(3)])
+    table = anova(repeated)
+    for term in ("pillar_radius_um", "deformation_index"):
+        assert pick(table, "main_effects", term)["p_permutation"] == 0.001
+    assert pick(table, "main_effects", "gap_um")["p_permutation"] == pytest.approx(
+        pick(anova(full), "main_effects", "gap_um")["p_permutation"], abs=0.05)
 
 
 def test_diagnostics_tell_modes_from_noise():
@@ -319,14 +408,3 @@ def test_diagnostics_tell_modes_from_noise():
     assert modes["p_value"] < 0.01
     unequal = of(lambda r, g, n, d: draw.normal() * (n - 3) ** 2, "Breusch–Pagan LM")
     assert unequal["p_value"] < 0.01
-
-
-def test_most_frequent_values_of_the_stable_arrays():
-    table = pd.DataFrame({
-        "pillar_radius_um": [6, 6, 8, 8], "gap_um": 20.0, "periodicity": [4, 5, 4, 5],
-        "stability_score_deg2": [1.0, 2.0, 3.0, np.nan], "robust": [True, True, False, False]})
-    found = most_frequent(table).set_index(["parameter", "value"])
-    assert found.loc[("pillar_radius_um", 6.0), "count"] == 2
-    assert found.loc[("pillar_radius_um", 6.0), "expected"] == pytest.approx(4 / 3)
-    assert found.loc[("periodicity", 5.0), "expected"] == pytest.approx(2 / 3)
-    assert ("pillar_radius_um", 8.0) not in found.index

@@ -1,0 +1,106 @@
+"""Options of the commands, from the sections of the configuration, and their kinds."""
+
+import argparse
+import math
+import types
+import typing
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from dldsim.app.commands.settings import check_field
+from dldsim.config.sections import Config, Geometry, Section
+from dldsim.errors import DldsimError
+
+UNITS = {
+    "_um": "µm", "_mm_s": "mm/s", "_mPa_s": "mPa·s", "_nN_s_per_m": "nN·s/m", "_pg": "pg",
+}  # fmt: skip
+"""Unit suffixes of option names."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says what is wrong without the whole usage."""
+
+    def error(self, message: str):
+        self.exit(2, f"{self.prog}: {message}\nSee {self.prog} --help\n")
+
+
+def add_command(
+    commands, name: str, function: Callable, purpose: str, example: str
+) -> argparse.ArgumentParser:
+    """The parser of a command that ``function`` carries out."""
+    parser = commands.add_parser(
+        name, help=purpose, description=f"{purpose.capitalize()}.",
+        epilog=f"example: python -m dldsim {example}",
+    )
+    parser.set_defaults(command=function, name=name)
+    parser.add_argument("--json", action="store_true",
+                        help="print the summary as one JSON object; keys are column names")
+    return parser
+
+
+def option_of(key: str) -> str:
+    return "--" + key.replace("_", "-")
+
+
+def add_geometry(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("geometry")
+    for key in Geometry.model_fields:
+        add_option(group, Geometry, key, required=True)
+
+
+def add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--config", type=Path, metavar="FILE",
+                        help="configuration that the options go over; default: ./config.yaml if "
+                             "present, else the defaults above")
+
+
+def add_fields(parser: argparse.ArgumentParser, title: str, model: type[Section],
+                without: Iterable[str] = ()) -> None:
+    group = parser.add_argument_group(title)
+    for key in [key for key in model.model_fields if key not in without]:
+        add_option(group, model, key, "--cell-shape" if key == "shape" else None)
+
+
+def add_option(parser, model: type[Section], key: str, option: str | None = None,
+                required: bool = False) -> None:
+    """An option for one field of a section, with its unit, choices, meaning, range and default."""
+    field = model.model_fields[key]
+    kind, choices, unit = field.annotation, None, None
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):  # with None for "not given"
+        [kind] = (part for part in typing.get_args(kind) if part is not type(None))
+    if typing.get_origin(kind) is typing.Literal:
+        choices = typing.get_args(kind)
+        kind = type(choices[0])
+    else:
+        unit = next((text for end, text in UNITS.items() if key.endswith(end)),
+                    "N" if kind is int else "X")
+    signs = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
+    limits = [f"{sign}{getattr(m, name):g}" for m in field.metadata
+              for name, sign in signs.items() if getattr(m, name, None) is not None]
+    about = f"{field.description} ({', '.join(limits)})" if limits else field.description
+    if not required:
+        about += f"; default {'none' if field.default is None else field.default}"
+    kind = number if kind is float else kind
+    parser.add_argument(option or option_of(key), dest=key, type=kind, choices=choices,
+                        required=required, metavar=unit, help=about.replace("%", "%%"))
+
+
+def number(text: str) -> float:
+    """A finite number of the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is no finite number")
+    return value
+
+
+def seed(text: str) -> int:
+    """A seed of the command line."""
+    try:
+        return check_field(Config, "seed", int(text))
+    except (ValueError, DldsimError):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: a seed is a whole number from 0 to {2**64 - 1}"
+        ) from None

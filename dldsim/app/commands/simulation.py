@@ -1,0 +1,274 @@
+"""Simulations: `run`, `flow`, `constrict`."""
+
+import argparse
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from dldsim.app.commands.options import (
+    add_command,
+    add_config,
+    add_fields,
+    add_geometry,
+    add_option,
+    number,
+)
+from dldsim.app.commands.output import Display, check_writable, listing
+from dldsim.app.commands.settings import (
+    configuration,
+    entry_of,
+    geometry_of,
+    given_by,
+    safety_distance_um,
+    section_of,
+)
+from dldsim.config.sections import (
+    Cell,
+    CellShape,
+    Config,
+    Constriction,
+    ConstrictionGroup,
+    Flow,
+    Numerics,
+    RunControl,
+    check_gap,
+    check_passable,
+    validate,
+)
+from dldsim.errors import DldsimError
+
+
+def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """One cell through one array: from one place of release, or a whole outcome."""
+    from dldsim.config import campaign
+
+    config = configuration(args.config)
+    geometry = geometry_of(args)
+    cell = validate(Cell, (config.cell.model_dump() if config else {}) | given_by(Cell, args))
+    flow, numerics = section_of(Flow, config, args), section_of(Numerics, config, args)
+    control = _control(config, args)
+    check_gap(geometry, safety_distance_um(config))
+    check_passable(geometry, cell, flow.height_um)
+    stiffness = entry_of(config, "stiffness_sets", args.set, "--set")
+    outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
+    shown = [f"--{name}" for name in ("movie", "vtk") if getattr(args, name)]
+    if shown and (args.out is None or args.releases is not None):
+        raise DldsimError(f"{shown[0]} is of one release and is written to --out: give --out DIR, "
+                          "and no --releases.")
+    if args.out:
+        check_writable(args.out / f"{outcome}_y0.000.trajectory.parquet", "--out")
+    from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
+    from dldsim.experiments import outcome_files
+    from dldsim.experiments.array_run import simulate_outcome, simulate_run
+    from dldsim.experiments.vtk import Recorder
+
+    recorder = Recorder() if shown else None
+    sections = (geometry, stiffness, cell, flow, numerics, control)
+    settings = {s.__class__.__name__: s.model_dump(mode="json") for s in sections}
+    with Display() as progress:
+        if args.releases is None:
+            name = campaign.run_id(outcome, cell.release_gap_fraction)
+            result = simulate_run(*sections, run_id=name, outcome_id=outcome,
+                                  stiffness_set=args.set, observe=recorder,
+                                  progress=progress)
+        else:
+            name = outcome
+            result = simulate_outcome(*sections, outcome_id=outcome, stiffness_set=args.set,
+                                      progress=progress)
+    sigma, basis = numerical_uncertainty(result.row, read_model())
+    summary = {**result.row, "sigma_num_deg": sigma, "sigma_num_basis": basis}
+    if args.out:
+        trajectory = args.out / f"{name}.trajectory.parquet"
+        if args.releases is None:
+            files = [args.out / f"{name}.run.parquet", trajectory]
+            outcome_files.write_run(result, *files, settings)
+            if shown:
+                files += _show(args, recorder.shapes(geometry, result), result.row, settings)
+        else:
+            files = outcome_files.OutcomeFiles(args.out / f"{name}.outcome.parquet",
+                                      args.out / f"{name}.runs.parquet", trajectory)
+            result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
+            outcome_files.write_outcome(result, files, settings)
+        summary["files"] = [str(path) for path in files]
+    return summary, listing(summary)
+
+
+def _show(args: argparse.Namespace, shapes, row: Mapping, settings: Mapping) -> list[Path]:
+    """Animation and VTKHDF files of one run, as asked for; returns what was written."""
+    from dldsim.experiments.vtk import write_pillars, write_vtkhdf
+    from dldsim.report.movie import write_animation
+
+    name, files = row["run_id"], []
+    if args.movie:
+        angle = row["migration_angle_deg"]
+        result = row["status"] if angle is None else f"{angle:.2f}°, {row['mode']}"
+        files.append(args.out / f"{name}.passage.gif")
+        write_animation({f"set {args.set}, R {row['cell_radius_um']:g} µm: {result}": shapes},
+                        files[-1])
+    if args.vtk:
+        files += [args.out / f"{name}.vtkhdf", args.out / f"{name}.pillars.vtkhdf"]
+        write_vtkhdf(shapes, files[-2], settings)
+        write_pillars([shapes], files[-1])
+    return files
+
+
+def _control(config: Config | None, args: argparse.Namespace) -> RunControl:
+    """`run_control` with the command line over it; places of release are those of --releases."""
+    base = config.run_control.model_dump() if config else {}
+    for given, option, with_releases in (
+        (args.outcome_rows_max, "--outcome-rows-max", False),
+        (args.release_gap_fraction, "--release-gap-fraction", True),
+    ):
+        if given is not None and (args.releases is not None) == with_releases:
+            raise DldsimError(
+                f"{option} {given:g} has no effect {'with' if with_releases else 'without'} "
+                f"--releases. Leave it out{'' if with_releases else ', or give --releases'}."
+            )
+    places = {"release_gap_fractions": args.releases} if args.releases else {}
+    return validate(RunControl, base | given_by(RunControl, args) | places)
+
+
+def flow(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Flow through an array without a cell."""
+    config = configuration(args.config)
+    geometry = geometry_of(args)
+    sections = [section_of(model, config, args) for model in (Flow, Numerics)]
+    if args.out:
+        check_writable(args.out, "--out")
+    from dldsim.experiments import outcome_files
+    from dldsim.solver.flow import solve_empty_array
+
+    with Display() as progress:
+        result = solve_empty_array(geometry, *sections, progress)
+    summary = outcome_files.flow_row(result)
+    if args.out:
+        result.save(args.out)
+        summary["files"] = [str(args.out)]
+    return summary, listing(summary)
+
+
+def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """One cell through the constriction channel."""
+    config = configuration(args.config)
+    name, group = _constriction_group(config, args)
+    channel = section_of(Constriction, config, args)
+    release = args.release_position_um
+    if release is None:
+        release = channel.release_positions_um[0]
+    given = {k: v for k, v in given_by(CellShape, args).items() if k != "axis"}  # the channel's
+    cell = validate(CellShape, config.cell.model_dump() | given)
+    flow = validate(Flow, config.flow.model_dump() | {
+        k: v for k, v in given_by(Flow, args).items() if k == "viscosity_mPa_s"})
+    sections = [cell, flow, _channel_numerics(config, args)]
+    if args.out:
+        check_writable(args.out / f"{name}_at-{release:g}.trajectory.parquet", "--out")
+    from dldsim.experiments import outcome_files
+    from dldsim.experiments.constriction import simulate_constriction
+
+    with Display() as progress:
+        result = simulate_constriction(
+            name, group, channel, *sections, release_position_um=release,
+            run_id=f"{name}_at-{release:g}", progress=progress,
+        )  # fmt: skip
+    summary = dict(result.row)
+    if args.out:
+        settings = {
+            section.__class__.__name__: section.model_dump(mode="json")
+            for section in (group, channel, *sections)
+        }
+        row = args.out / f"{summary['run_id']}.run.parquet"
+        trajectory = args.out / f"{summary['run_id']}.trajectory.parquet"
+        outcome_files.write_constriction(result, row, trajectory, settings)
+        summary["files"] = [str(row), str(trajectory)]
+    return summary, listing(summary)
+
+
+NOT_IN_CHANNEL = ("spacing_um", "bounce_back", "rows", "lanes")
+"""Numerics of arrays; the channel has a spacing of its own."""
+
+
+def _channel_numerics(config: Config, args: argparse.Namespace) -> Numerics:
+    given = {k: v for k, v in given_by(Numerics, args).items() if k not in NOT_IN_CHANNEL}
+    return validate(Numerics, config.numerics.model_dump() | given)
+
+
+def _constriction_group(config: Config | None, args: argparse.Namespace
+                        ) -> tuple[str, ConstrictionGroup]:
+    if args.group is not None:
+        name = args.group
+        group = entry_of(config, "constriction_groups", name, "--group")
+    else:
+        entry_of(config, "stiffness_sets", args.set, "--set")
+        groups = config.constriction_groups
+        found = [name for name, group in groups.items() if group.stiffness_set == args.set]
+        if not found:
+            raise DldsimError(
+                f"--set {args.set}: no constriction group has this stiffness set. Name one with "
+                f"--group: {', '.join(groups)}."
+            )
+        name, group = found[0], groups[found[0]]
+    return name, validate(ConstrictionGroup, group.model_dump() | given_by(ConstrictionGroup, args))
+
+
+def add_run(commands) -> None:
+    """The command `run`."""
+    parser = add_command(
+        commands, "run", run, "one cell through one array",
+        "run --pillar-radius-um 10 --gap-um 20 --periodicity 6 --set 1 --out single",
+    )  # fmt: skip
+    add_geometry(parser)
+    parser.add_argument("--set", required=True, metavar="NAME",
+                        help="stiffness set, a name from stiffness_sets in the configuration")
+    add_fields(parser, "channel and flow", Flow)
+    add_fields(parser, "cell", Cell)
+    add_fields(parser, "numerics", Numerics)
+    add_fields(parser, "when to stop", RunControl, without={"release_gap_fractions"})
+    parser.add_argument("--releases", type=number, nargs="*", metavar="X",
+                        help="simulate a whole outcome: release at these places in the gap, in "
+                             "this order, as many as it takes; none named: the configuration's")
+    add_config(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR",
+                        help="write the run, or the outcome with its runs, and the trajectory "
+                             "there, as Parquet")
+    parser.add_argument("--movie", action="store_true",
+                        help="write an animation of the passage (GIF) there, too")
+    parser.add_argument("--vtk", action="store_true",
+                        help="write membrane over time and pillars for ParaView (VTKHDF) there, "
+                             "too")
+
+
+def add_flow(commands) -> None:
+    """The command `flow`."""
+    parser = add_command(
+        commands, "flow", flow, "flow through an array without a cell",
+        "flow --pillar-radius-um 10 --gap-um 20 --periodicity 6 --drive axial --height-um "
+        "0 --json",
+    )  # fmt: skip
+    add_geometry(parser)
+    add_fields(parser, "channel and flow", Flow)
+    add_fields(parser, "numerics", Numerics)
+    add_config(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE.npz", help="save the flow there")
+
+
+def add_constrict(commands) -> None:
+    """The command `constrict`."""
+    parser = add_command(
+        commands, "constrict", constrict, "one cell through the constriction",
+        "constrict --set 1 --json",
+    )  # fmt: skip
+    which = parser.add_mutually_exclusive_group(required=True)
+    which.add_argument("--set", metavar="NAME", help="the group that calibrates this stiffness set")
+    which.add_argument("--group", metavar="NAME", help="a name from constriction_groups")
+    parser.add_argument("--velocity-mm-s", type=number, metavar="mm/s",
+                        help="mean velocity in the wide channel; default: the group's")
+    parser.add_argument("--release-position-um", type=number, metavar="µm",
+                        help="release along the flow, from the first possible position; "
+                             "default: the first of constriction.release_positions_um")
+    add_fields(parser, "channel", Constriction,
+                without={"release_positions_um", "fixed_velocity_mm_s"})
+    add_fields(parser, "cell", CellShape, without={"axis"})
+    add_option(parser, Flow, "viscosity_mPa_s")
+    add_fields(parser, "numerics", Numerics, without={*NOT_IN_CHANNEL})
+    add_config(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR",
+                        help="write its row and its trajectory there, as Parquet")

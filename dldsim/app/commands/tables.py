@@ -1,0 +1,112 @@
+"""Tables that are there: `anova`, `stiffness`, `info`."""
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+
+from dldsim.app.commands.options import add_command, number, seed
+from dldsim.app.commands.output import frame_lines, listing, records
+from dldsim.errors import DldsimError
+
+
+def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Analysis of variance of anybody's table of outcomes."""
+    from dldsim.analysis.anova import analyse
+    from dldsim.analysis.sensitivity import sobol_of_table
+    from dldsim.config.campaign import derive_seed
+    from dldsim.tables.user_table import read_user_table
+
+    frame, found, _ = read_user_table(args.table)
+    result, residuals = analyse(frame, derive_seed(args.seed, "anova"))
+    summary = {"table": str(args.table), "found": found, "rows": records(result),
+               "diagnostics": records(residuals), "sobol": [], "sobol_notes": []}
+    lines = [*(f"{args.table}: {note}" for note in found),
+             "Type II analysis of variance of migration_angle_deg", *frame_lines(result), "",
+             "Residuals of the models", *frame_lines(residuals), "",
+             "Sobol indices of a surrogate fitted to the table"]
+    try:
+        indices, notes = sobol_of_table(frame, derive_seed(args.seed, "sensitivity"))
+    except DldsimError as error:
+        summary["sobol_refused"] = str(error)
+        return summary, [*lines, f"none: {error}"]
+    summary |= {"sobol": records(indices), "sobol_notes": notes}
+    return summary, [*lines, *frame_lines(indices), *(f"note: {note}" for note in notes)]
+
+
+def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Moduli of a cell with a measured deformation index."""
+    from dldsim.analysis.calibration import stiffness_for
+    from dldsim.design.finished_campaign import packaged_campaign
+    from dldsim.tables.parquet import read_table
+    from dldsim.tables.user_table import read_user_table
+
+    if args.calibration:
+        table = read_user_table(args.calibration).frame
+    else:
+        path = (args.results or packaged_campaign()) / "calibration.parquet"
+        table = read_table("calibration", path)
+    found = stiffness_for(args.di, table, args.error, args.design)
+    summary = {"deformation_index": args.di, "error": args.error} | found
+    return summary, listing(summary)
+
+
+def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """What a table holds and where it comes from."""
+    from dldsim.tables.parquet import describe
+
+    about = describe(args.file)
+    origin = ", ".join(f"{k} {v}" for k, v in about["provenance"].items() if k != "settings")
+    lines = [f"{about['file']}: {about['kind']}, {about['rows']} rows", f"made by: {origin}", ""]
+    width = max(len(column["name"]) for column in about["columns"])
+    lines += [
+        f"{c['name']:{width}}  {c['unit']:8}  {c['description']}"
+        f"{' (null: not measured)' if c['nullable'] else ''}"
+        for c in about["columns"]
+    ]
+    return about, lines
+
+
+def add_anova(commands) -> None:
+    """The command `anova`."""
+    parser = add_command(
+        commands, "anova", anova, "analysis of variance of the migration angle",
+        "anova results/outcomes.parquet",
+    )  # fmt: skip
+    parser.add_argument("table", type=Path, metavar="TABLE",
+                        help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
+                             "periodicity, deformation_index and migration_angle_deg, and "
+                             "stiffness_set if there are sets")
+
+    parser.add_argument("--seed", type=seed, default=1, metavar="N",
+                        help="of permutations and surrogate; default %(default)s")
+
+
+def add_stiffness(commands) -> None:
+    """The command `stiffness`."""
+    parser = add_command(
+        commands, "stiffness", stiffness, "moduli for a measured deformation index",
+        "stiffness --di 0.7 --error 0.01",
+    )  # fmt: skip
+    parser.add_argument("--di", type=number, required=True, metavar="DI",
+                        help="deformation index, inside the calibrated range")
+    parser.add_argument("--error", type=number, default=0.0, metavar="±DI",
+                        help="standard error of it; default %(default)s")
+    parser.add_argument("--design", default="group-velocity",
+                        choices=["group-velocity", "fixed-velocity"],
+                        help="calibration at the groups' own velocities (that of the campaign's "
+                             "deformation indices), or at one velocity; default %(default)s")
+    parser.add_argument("--results", type=Path, metavar="DIR",
+                        help="campaign whose calibration is taken; default: the campaign that "
+                             "comes with the package")
+    parser.add_argument("--calibration", type=Path, metavar="FILE",
+                        help="calibration, CSV or Parquet, instead of the one in the results "
+                             "folder")
+
+
+def add_info(commands) -> None:
+    """The command `info`."""
+    parser = add_command(
+        commands, "info", info, "columns, units and provenance of a table",
+        "info results/outcomes.parquet",
+    )  # fmt: skip
+    parser.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")

@@ -1,0 +1,291 @@
+"""From trials to ranked candidates: tolerance, uncertainty, verdict, and what lies around."""
+
+from collections.abc import Mapping, Sequence
+from math import hypot
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from dldsim.analysis.surrogate import DOMAIN_TOLERANCE
+from dldsim.config.sections import DesignRequest
+from dldsim.design.chip import GEOMETRY
+from dldsim.design.task import DECIMALS, TINY, Task, fixed, violations
+from dldsim.experiments.migration import mode_of
+
+TOLERANCE_STEPS = 5
+"""Values of P_r and of P_g across the tolerance, ends and middle included."""
+GRID_CHECKED = 300
+"""Best points of a grid whose exact distance from the training geometries is looked up."""
+TRANSITION_POINTS = 2048
+"""Random arrays among which those near a mode transition are chosen."""
+TRANSITION_SHARE = 0.25
+"""An array is near one where tan θ · N_p of a cell type is this close to a half."""
+SLICE_STEPS = 33
+"""Values of P_r and of P_g in the slices through the best candidate."""
+BOUND_SHARE = 0.02
+"""A candidate nearer to a bound than this share of the range is on it: samplers seldom hit it."""
+
+
+def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
+    """The best distinct candidates with tolerance, uncertainty and verdict."""
+    request, chip, surrogate = task.request, task.chip, task.surrogate
+    table = feasible.assign(inside_training_domain=feasible["outside"] <= DOMAIN_TOLERANCE)
+    if len(table) > GRID_CHECKED:
+        table = table.nlargest(GRID_CHECKED, ["inside_training_domain", "value"], keep="all")
+    place = [table[name].to_numpy() for name in GEOMETRY]
+    least, largest = over_tolerance(task, table)
+    sigma = [surrogate.sigma_num_deg(table[f"angle_{i}_deg"], place[2]) for i in (1, 2)]
+    known = all(part is not None for part in sigma)
+    table = table.assign(
+        separation_tolerance_min_deg=least, separation_tolerance_max_deg=largest,
+        sigma_num_deg=np.hypot(*sigma) if known else np.nan,
+        uncertainty_deg=np.hypot(*task.half_widths(*place)),
+    ).sort_values(
+        ["inside_training_domain", "value", "separation_tolerance_min_deg", "trial"],
+        ascending=[False, False, False, True],
+    )
+    chosen: list[pd.Series] = []
+    for _, row in table.iterrows():
+        if len(chosen) == request.candidates:
+            break
+        if all(distinct(request, row, c) for c in chosen):
+            chosen.append(row)
+    designs = pd.DataFrame(chosen).astype({"periodicity": int, "inside_training_domain": bool})
+    designs["design"] = range(1, len(designs) + 1)
+    designs["rank"] = ranks = ranks_of(designs, "value")
+    place = [designs[name].to_numpy() for name in GEOMETRY]
+    angles = [designs[f"angle_{i}_deg"].to_numpy(float) for i in (1, 2)]
+    modes = [[mode_of(a, 1 / n) for a, n in zip(angle, place[2], strict=True)] for angle in angles]
+    drawn = task.drawn(*place)
+    shift = np.array([
+        [[mode_of(a, 1 / n) for a in row] != np.full(len(row), mode)
+         for row, n, mode in zip(angle, place[2], mode, strict=True)]
+        for angle, mode in zip(drawn, modes, strict=True)
+    ])
+    length = task.length_mm(*angles)
+    pressure = np.full(len(designs), np.nan)
+    if chip.resistance is not None:
+        pressure = task.pressure_kPa(*place, length)
+    designs = designs.assign(
+        objective=request.objective, mode_1=modes[0], mode_2=modes[1],
+        robust_separation_deg=task.robust(*place)[0],
+        mode_change_probability=shift.any(axis=0).mean(axis=1),
+        length_mm=np.where(np.isfinite(length), length, np.nan),
+        pressure_drop_kPa=np.where(np.isfinite(pressure), pressure, np.nan),
+        pressure_basis=chip.pressure_basis,
+        throughput_uL_per_h=chip.throughput_uL_per_h,
+        verdict=[verdict_of(row, ranks.count(row["rank"]), at_bounds(request, row))
+                 for _, row in designs.iterrows()],
+    )
+    return designs[DESIGN_COLUMNS].reset_index(drop=True)
+
+
+DESIGN_COLUMNS = [
+    "request", "design", "rank", *GEOMETRY, "objective", "value", "separation_deg",
+    "angle_1_deg", "angle_2_deg", "mode_1", "mode_2", "separation_tolerance_min_deg",
+    "separation_tolerance_max_deg", "robust_separation_deg", "mode_change_probability",
+    "sigma_num_deg", "uncertainty_deg", "length_mm", "pressure_drop_kPa", "pressure_basis",
+    "throughput_uL_per_h", "verdict", "inside_training_domain",
+]  # fmt: skip
+
+
+def over_tolerance(task: Task, table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest separation [deg] over ± tolerance, counted in the nominal order."""
+    step = np.linspace(-1, 1, TOLERANCE_STEPS) * task.request.tolerance_um
+    off_radius, off_gap = (v.ravel() for v in np.meshgrid(step, step))
+    smallest = 1e-3  # a tolerance wider than the pillar must not make it vanish
+    radius = np.maximum(table["pillar_radius_um"].to_numpy()[:, None] + off_radius, smallest)
+    gap = np.maximum(table["gap_um"].to_numpy()[:, None] + off_gap, smallest)
+    rows = np.repeat(table["periodicity"].to_numpy(), off_gap.size)
+    first, second = task.angles(radius.ravel(), gap.ravel(), rows)
+    order = np.where(table["angle_2_deg"] >= table["angle_1_deg"], 1.0, -1.0)[:, None]
+    separation = order * (second - first).reshape(len(table), -1)
+    return separation.min(axis=1), separation.max(axis=1)
+
+
+def tolerances(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
+    """Angles, modes and separation of each candidate with one thing off; `design_tolerances`.
+
+    `edge_um` moves every pillar edge outwards, as exposure does: the pitch, which the mask fixes,
+    stays, so that P_r grows by as much and P_g shrinks by twice as much. The separation is counted
+    in the order that the candidate has as wanted. `sensitivity_deg_per_unit` is the slope between
+    the two offsets.
+    """
+    request = task.request
+    low, high = task.surrogate.deformation_index_range
+    rows = []
+    for _, design in designs.iterrows():
+        order = 1.0 if design["angle_2_deg"] >= design["angle_1_deg"] else -1.0
+        for parameter, size in offsets_of(task):
+            found = []
+            for offset in (-size, size):
+                radius, gap, periodicity = shifted(design, parameter, offset)
+                angles = []
+                for k, (index, cell) in enumerate(task.cells, start=1):
+                    if parameter == f"deformation_index_{k}":
+                        index = min(max(index + offset, low), high)
+                    angles.append(float(task.surrogate.predict(
+                        radius, gap, periodicity, index, cell)[0]))
+                modes = [mode_of(a, 1 / periodicity) for a in angles]
+                found.append({
+                    "request": request.name, "design": design["design"], "parameter": parameter,
+                    "offset": offset, "angle_1_deg": angles[0], "angle_2_deg": angles[1],
+                    "separation_deg": order * (angles[1] - angles[0]),
+                    "mode_1": modes[0], "mode_2": modes[1],
+                })
+            slope = (found[1]["separation_deg"] - found[0]["separation_deg"]) / (2 * size)
+            rows += [{**row, "sensitivity_deg_per_unit": slope} for row in found]
+    columns = ["request", "design", "parameter", "offset", "angle_1_deg", "angle_2_deg",
+               "separation_deg", "mode_1", "mode_2", "sensitivity_deg_per_unit"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
+    """Predicted separation over two parameters, the third as in the best candidate.
+
+    A table of kind `design_slices`, one slice for each pair that the bounds leave free; signed,
+    angle 2 − angle 1.
+    """
+    request = task.request
+    low, high = request.periodicity
+    axes = {
+        "pillar_radius_um": np.linspace(*request.pillar_radius_um, SLICE_STEPS),
+        "gap_um": np.linspace(*request.gap_um, SLICE_STEPS),
+        "periodicity": np.arange(low, high + 1),
+    }
+    found = [pd.DataFrame(columns=SLICE_COLUMNS)]
+    for x, y in (("pillar_radius_um", "gap_um"), ("periodicity", "gap_um"),
+                 ("periodicity", "pillar_radius_um")):
+        if {x, y} & fixed(request):
+            continue
+        grid = np.meshgrid(axes[x], axes[y], indexing="ij")
+        at = {name: np.full(grid[0].size, float(design[name])) for name in GEOMETRY}
+        at |= {x: grid[0].ravel(), y: grid[1].ravel()}
+        place = [at[name] for name in GEOMETRY]
+        first, second = task.angles(*place)
+        limits = task.limits(*place).values()
+        found.append(pd.DataFrame({
+            "request": request.name, "x_parameter": x, "y_parameter": y,
+            "x": at[x].astype(float), "y": at[y].astype(float), "difference_deg": second - first,
+            "feasible": np.all([np.broadcast_to(v, len(first)) <= 0 for v in limits], axis=0),
+            "inside_training_domain": np.all(
+                [task.surrogate.inside_domain(*place, *cell) for cell in task.cells], axis=0),
+        }))
+    return pd.concat(found[1:] or found, ignore_index=True)
+
+
+SLICE_COLUMNS = ["request", "x_parameter", "y_parameter", "x", "y", "difference_deg", "feasible",
+                 "inside_training_domain"]
+
+
+def offsets_of(task: Task) -> list[tuple[str, float]]:
+    """What may be off, and by how much; what cannot is left out."""
+    width = task.request.tolerance_um
+    sizes = [*((name, width) for name in ("pillar_radius_um", "gap_um", "edge_um")),
+             *((f"deformation_index_{k}", s) for k, s in enumerate(task.spreads, start=1))]
+    return [(name, size) for name, size in sizes if size > 0]
+
+
+def shifted(design: Mapping[str, Any], parameter: str, offset: float) -> tuple[float, float, int]:
+    """Geometry of a design with one thing off."""
+    radius, gap = design["pillar_radius_um"], design["gap_um"]
+    radius += offset if parameter in ("pillar_radius_um", "edge_um") else 0.0
+    gap += {"gap_um": offset, "edge_um": -2 * offset}.get(parameter, 0.0)
+    return max(radius, 1e-3), max(gap, 1e-3), int(design["periodicity"])
+
+
+def distinct(request: DesignRequest, a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
+    """Whether two geometries count as different."""
+    apart = max(request.tolerance_um, TINY)
+    return a["periodicity"] != b["periodicity"] or any(
+        abs(a[name] - b[name]) > apart for name in ("pillar_radius_um", "gap_um")
+    )
+
+
+def ranks_of(designs: pd.DataFrame, value: str) -> list[int]:
+    """Rank of each design, best first: 1 + number of designs before its class of equals.
+
+    Equal to the first of its class: on the same side of the training domain, and apart by less than
+    the combined σ_num of the two separations. Without σ_num every design has its own rank.
+    """
+    ranks: list[int] = []
+    leader = None
+    for place, (_, row) in enumerate(designs.iterrows()):
+        equal = leader is not None and (
+            row["inside_training_domain"] == leader["inside_training_domain"]
+            and leader[value] - row[value] < hypot(leader["sigma_num_deg"], row["sigma_num_deg"])
+        )
+        if not equal:
+            leader = row
+        ranks.append(ranks[-1] if equal else place + 1)
+    return ranks
+
+
+def at_bounds(request: DesignRequest, row: Mapping[str, Any]) -> list[str]:
+    """Which bounds of the search a candidate lies on, in words; those of fixed parameters left out.
+
+    A length is on a bound if it is nearer to it than BOUND_SHARE of the range.
+    """
+    found = []
+    for name in (n for n in GEOMETRY if n not in fixed(request)):
+        bounds = getattr(request, name)
+        reach = 0 if name == "periodicity" else BOUND_SHARE * np.ptp(bounds)
+        found += [f"{name} = {row[name]:g}, {end} bound {bound:g}"
+                  for end, bound in zip(("lowest", "highest"), bounds, strict=True)
+                  if abs(row[name] - bound) <= reach]
+    return found
+
+
+def verdict_of(row: Mapping[str, Any], equals: int, bounds: Sequence[str] = ()) -> str:
+    """What a candidate's prediction is worth, in words; ``bounds``: those that it lies on."""
+    if row["separation_deg"] <= row["uncertainty_deg"]:
+        verdict = "not resolved: separation below uncertainty"
+    elif row["separation_tolerance_min_deg"] <= row["uncertainty_deg"]:
+        verdict = "not robust: resolved at nominal size, not over the tolerance"
+    else:
+        verdict = "resolved"
+    if equals > 1:
+        verdict += f"; one of {equals} not ranked against each other: closer than σ_num"
+    if np.isnan(row["sigma_num_deg"]):
+        verdict += "; numerical uncertainty not studied"
+    if not row["inside_training_domain"]:
+        verdict += "; extrapolated: outside the training geometries"
+    if bounds:
+        verdict += f"; on the edge of the search ({', '.join(bounds)}): better may lie beyond"
+    return verdict
+
+
+def transition_geometries(task: Task, known: pd.DataFrame, count: int) -> list[dict[str, Any]]:
+    """Arrays where a simulation teaches most: near a mode transition, far from those simulated.
+
+    Among random feasible arrays in the training domain, those in which a cell type is predicted
+    half-way between bump and zigzag; of these, one after the other, the one farthest from all
+    geometries known or chosen, in units of the bounds. Fewer, or none, where no array is near.
+    """
+    request = task.request
+    rng = np.random.default_rng(task.seed)
+    radius, gap = (rng.uniform(*bounds, TRANSITION_POINTS).round(DECIMALS)
+                   for bounds in (request.pillar_radius_um, request.gap_um))
+    low, high = request.periodicity
+    place = radius, gap, rng.integers(low, high + 1, TRANSITION_POINTS)
+    good = np.all([np.broadcast_to(v, TRANSITION_POINTS) <= 0
+                   for v in violations(request, task.chip, radius, gap).values()], axis=0)
+    good &= task.may_be_inside(*place)
+    share = np.tan(np.radians(task.angles(*place))) * place[2]
+    good &= np.abs(share - 0.5).min(axis=0) <= TRANSITION_SHARE
+    points = np.column_stack(place)[good]
+    scale = np.array([np.ptp(b) or np.inf for b in
+                      (request.pillar_radius_um, request.gap_um, request.periodicity)])
+    seen = known[GEOMETRY].to_numpy(float)
+    chosen: list[dict[str, Any]] = []
+    while len(points) and len(chosen) < count:
+        away = np.linalg.norm((points[:, None] - seen) / scale, axis=2).min(axis=1)
+        best = points[away.argmax()]
+        points = np.delete(points, away.argmax(), axis=0)
+        if task.outside(float(best[0]), float(best[1]), int(best[2])) > DOMAIN_TOLERANCE:
+            continue
+        seen = np.vstack([seen, best])
+        chosen.append({"pillar_radius_um": float(best[0]), "gap_um": float(best[1]),
+                       "periodicity": int(best[2])})
+    return chosen

@@ -1,0 +1,89 @@
+"""What surrounds an array: channel, flow, device, and the pressure that drives it."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim.config.sections import Device, Flow
+from dldsim.errors import DldsimError
+
+GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
+SMALLEST_DIRECTION = 1e-4
+"""Of the fit of the resistance, over the largest singular value."""
+
+
+class Resistance:
+    """Drag of a pillar / (μU) over geometry, from a table of `flows` of one channel height.
+
+    Its logarithm is a quadratic of log(P_g/λ) and log(λ) and linear in ε, fitted by least squares.
+    Directions of the terms in which the arrays hardly differ, such as those off the line of arrays
+    whose P_r and P_g go together, take no part in it, and ``basis`` says so.
+    ``error``: root mean square of the relative error where each array is left out in turn.
+    Raises DldsimError for too few flows, or several heights or drives.
+    """
+
+    def __init__(self, flows: pd.DataFrame):
+        table = flows.dropna(subset=["drag_over_mu_U"])
+        for name in ("height_um", "drive"):
+            if table[name].nunique() > 1:
+                raise DldsimError(f"The table of flows mixes several values of {name}.")
+        x = self._terms(*(table[name].to_numpy(float) for name in GEOMETRY))
+        y = np.log(table["drag_over_mu_U"].to_numpy(float))
+        if len(y) < 4:
+            raise DldsimError(f"{len(y)} flows are too few to interpolate the pressure drop from.")
+        self.height_um = float(table["height_um"].iloc[0])
+        self.coefficients, _, rank, _ = np.linalg.lstsq(x, y, rcond=SMALLEST_DIRECTION)
+        leverage = np.einsum("ij,ji->i", x, np.linalg.pinv(x, rcond=SMALLEST_DIRECTION))
+        known = leverage < 1 - 1e-9  # the others decide their own value
+        left_out = (y - x @ self.coefficients)[known] / (1 - leverage[known])
+        self.error = float(np.sqrt(np.mean(np.expm1(left_out) ** 2))) if known.any() else np.nan
+        error = "not known" if np.isnan(self.error) else f"{self.error:.1%}"
+        self.basis = f"interpolated from {len(y)} flows without a cell (error {error})"
+        if rank < x.shape[1]:
+            self.basis += ", whose P_r, P_g and N_p do not all vary on their own: larger elsewhere"
+
+    @staticmethod
+    def _terms(radius, gap, periodicity) -> np.ndarray:
+        pitch = 2 * np.asarray(radius) + gap
+        a, b = np.log(gap / pitch), np.log(pitch)
+        return np.column_stack([np.ones_like(a), a, b, a * a, a * b, b * b, 1 / periodicity])
+
+    def drag_over_mu_U(self, radius, gap, periodicity) -> np.ndarray:
+        """Drag per length of pillar / (μU), shape (n,)."""
+        columns = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float))
+                                        for v in (radius, gap, periodicity)))
+        return np.exp(self._terms(*columns) @ self.coefficients)
+
+
+class Chip(NamedTuple):
+    """What surrounds an array: the channel and its flow, the device, and what limits the search."""
+
+    flow: Flow
+    device: Device = Device()
+    safety_distance_um: float = 2.0
+    resistance: Resistance | None = None
+    no_resistance: str = "there is no table of flows"
+    """Why the pressure drop is not known, where it is not."""
+
+    def pressure_kPa(self, drag_over_mu_U, pitch_um, length_mm):
+        """Pressure drop over a length of array at the flow's mean velocity.
+
+        A force density f = drag_over_mu_U · μU/λ² along x drives the mean velocity U, without
+        lateral flux; over a length L it is the pressure f·L.
+        """
+        speed = self.flow.viscosity_mPa_s * self.flow.mean_velocity_mm_s
+        return np.asarray(drag_over_mu_U) * speed * length_mm / np.square(pitch_um)
+
+    @property
+    def pressure_basis(self) -> str:
+        """Where the pressure drop comes from, in words."""
+        if self.resistance is None:
+            return f"not known: {self.no_resistance}"
+        return self.resistance.basis
+
+    @property
+    def throughput_uL_per_h(self) -> float:
+        """Flow through the whole width of the device's array."""
+        velocity, width = self.flow.mean_velocity_mm_s, self.device.array_width_mm
+        return 3.6 * velocity * width * self.flow.height_um

@@ -1,0 +1,271 @@
+"""The campaign that designs are made from: its tables, its surrogate, and what they hold for."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim import PHYSICS_VERSION
+from dldsim.analysis import surrogate
+from dldsim.analysis.regressors import INPUTS
+from dldsim.config.sections import (
+    CellShape,
+    Config,
+    DesignRequest,
+    Device,
+    Flow,
+    Numerics,
+    RunControl,
+    Stiffness,
+    Sweep,
+)
+from dldsim.design.chip import Chip, Resistance
+from dldsim.errors import DldsimError
+from dldsim.experiments.migration import mode_of
+from dldsim.tables.parquet import atomic_path, describe, read_table, write_table
+
+CAMPAIGN_DATA = Path(__file__).parents[1] / "data" / "campaign"
+"""Tables and surrogate of the campaign that comes with the package."""
+KEPT = ("outcomes", "runs", "calibration", "flows")
+
+
+def make_chip(settings: Mapping, flows: pd.DataFrame | None) -> Chip:
+    """Chip of the sections `flow` and `device`, `safety_distance_um`, and a table of flows.
+
+    Flows that the pressure drop cannot be interpolated from leave it unknown, with the reason.
+    """
+    chip = Chip(Flow(**settings["flow"]), Device(**settings["device"]),
+                settings["safety_distance_um"])
+    if flows is None:
+        return chip
+    try:
+        return chip._replace(resistance=Resistance(flows))
+    except DldsimError as error:
+        return chip._replace(no_resistance=str(error).rstrip("."))
+
+
+class Campaign(NamedTuple):
+    """A finished campaign that designs are made from: settings as its tables tell them."""
+
+    settings: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+    chip: Chip
+    model: surrogate.Surrogate
+
+
+def read_campaign(directory: Path, device: Device, safety_distance_um: float) -> Campaign:
+    """Outcomes, calibration and surrogate in a folder, and flows if they are there.
+
+    Raises DldsimError if a file is missing, damaged or of another physics version, or if the
+    surrogate was learnt from others than these outcomes.
+    """
+    directory = Path(directory)
+    tables = {kind: read_table(kind, directory / f"{kind}.parquet")
+              for kind in ("outcomes", "calibration")}
+    flows = directory / "flows.parquet"
+    if flows.exists():
+        tables["flows"] = read_table("flows", flows)
+    model = surrogate.load(directory / "surrogate.json", directory / "surrogate_card.json")
+    check_model(model, tables["outcomes"], directory)
+    about = describe(directory / "outcomes.parquet")["provenance"]["settings"]
+    return make_campaign(tables, model, about.get("run_control"), device, safety_distance_um)
+
+
+def make_campaign(
+    tables: dict[str, pd.DataFrame], model: surrogate.Surrogate, run_control: Mapping | None,
+    device: Device, safety_distance_um: float,
+) -> Campaign:
+    """A campaign of tables in memory: `outcomes`, and `calibration` and `flows` if there are any.
+
+    Raises DldsimError for outcomes of several conditions.
+    """
+    settings = settings_of_outcomes(tables["outcomes"], tables.get("flows"))
+    settings["run_control"] = dict(run_control or RunControl().model_dump())
+    settings |= {"device": device.model_dump(), "safety_distance_um": safety_distance_um}
+    return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
+
+
+def check_settings(
+    settings: Config | None, known: Campaign, request: DesignRequest | None = None,
+    simulate: bool = False,
+) -> None:
+    """Refuse settings that answers of a campaign do not hold for.
+
+    Compared are the settings that the configuration names: shape of the cell and flow; stiffness
+    sets of the request; the cell's radius, where the request does not say its own; and, to
+    ``simulate``, everything that is simulated with. Raises DldsimError that names key, value, and
+    what the campaign was made with.
+    """
+    if settings is None:
+        return
+    wanted: list[tuple[str, Any, Any]] = []
+    sections = {"cell": ("shape", "aspect_ratio"), "flow": tuple(Flow.model_fields)}
+    if simulate:
+        sections = {"cell": ("shape", "aspect_ratio", "axis"), "flow": tuple(Flow.model_fields),
+                    "numerics": tuple(Numerics.model_fields),
+                    "run_control": tuple(RunControl.model_fields)}
+    for name, keys in sections.items():
+        section = getattr(settings, name)
+        named = [] if section is None else [k for k in keys if k in section.model_fields_set]
+        wanted += [(f"{name}.{key}", getattr(section, key), known.settings[name].get(key))
+                   for key in named]
+    for i in (1, 2) if request else ():
+        name = getattr(request, f"stiffness_set_{i}")
+        if name in (settings.stiffness_sets or {}) and name in known.settings["stiffness_sets"]:
+            wanted += [(f"stiffness_sets.{name}.{key}", value,
+                        known.settings["stiffness_sets"][name][key])
+                       for key, value in settings.stiffness_sets[name]]
+        if (settings.cell is not None and "radius_um" in settings.cell.model_fields_set
+                and f"radius_{i}_um" not in request.model_fields_set):
+            wanted.append(("cell.radius_um", settings.cell.radius_um,
+                           getattr(request, f"radius_{i}_um")))
+    for key, value, other in wanted:
+        if value != other and not (
+            isinstance(value, float) and np.isclose(value, other, rtol=1e-6, atol=0)
+        ):
+            remedy = ("give the radii of both cell types, --r1 and --r2" if key == "cell.radius_um"
+                      else "simulate a campaign with this value and name its folder with "
+                      "--results, or take the setting out of the configuration")
+            origin = ("the request takes" if key == "cell.radius_um" else
+                      "answers come from a campaign with")
+            raise DldsimError(
+                f"{key} = {value} in the configuration, but {origin} {other}. They hold for "
+                f"{known.model.holds_for}; nothing else was learnt. To have the other, {remedy}."
+            )
+
+
+MEASURED = "measured"
+"""Status of a row that was measured on a fabricated device."""
+
+
+def with_measurements(
+    outcomes: pd.DataFrame, measurements: Sequence[Mapping[str, Any]], *, height_um: float,
+    mean_velocity_mm_s: float,
+) -> pd.DataFrame:
+    """The table of outcomes with measured angles below, to be learnt from like outcomes.
+
+    A measurement has the keys of INPUTS and `migration_angle_deg`; of a measured row all other
+    columns but the conditions are null. A measured array counts as an array of its own in the
+    surrogate's intervals if its size differs from those simulated.
+
+    Raises DldsimError for another height or velocity than the outcomes', which the surrogate does
+    not know, and for angles that no array of that periodicity can cause.
+    """
+    conditions_ = {"height_um": height_um, "mean_velocity_mm_s": mean_velocity_mm_s}
+    for name, value in conditions_.items():
+        known = outcomes[name].unique()
+        if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
+            raise DldsimError(
+                f"Measurements: {name} = {value:g}, the outcomes have "
+                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: leave "
+                "these measurements out, or choose a campaign at this value."
+            )
+    rows = []
+    for i, given in enumerate(measurements, start=1):
+        bump = float(np.degrees(np.arctan(1 / given["periodicity"])))
+        angle = given["migration_angle_deg"]
+        if not -bump / 2 <= angle <= 1.5 * bump:
+            raise DldsimError(
+                f"Measurement {i}: migration_angle_deg = {angle:g} with periodicity "
+                f"{given['periodicity']}: allowed {-bump / 2:.3g} to {1.5 * bump:.3g}. Full bump "
+                f"motion has {bump:.3g}°; look at the sign, the unit and the row shift."
+            )
+        rows.append({
+            **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},
+            "outcome_id": f"measured-{i:04d}", "stiffness_set": MEASURED, "status": MEASURED,
+            "stop_reason": "", "mode": mode_of(angle, 1 / given["periodicity"]),
+            "pitch_um": 2 * given["pillar_radius_um"] + given["gap_um"],
+            "row_shift_fraction": 1 / given["periodicity"], "bump_angle_deg": bump,
+            **{n: outcomes[n].iloc[0] for n in ("cell_shape", *conditions_)},
+            "sigma_num_basis": "measured",
+        })  # fmt: skip
+    return pd.concat([outcomes, pd.DataFrame(rows, columns=outcomes.columns).astype(
+        {name: kind for name, kind in outcomes.dtypes.items() if kind.kind == "f"})],
+        ignore_index=True)  # fmt: skip
+
+
+def packaged_campaign() -> Path:
+    """Folder of the campaign that comes with the package.
+
+    Raises DldsimError if none does, or if it is of another physics version.
+    """
+    remedy = "Name the folder of a finished campaign with --results, such as results/."
+    if not CAMPAIGN_DATA.exists():
+        raise DldsimError(f"No campaign comes with this installation. {remedy}")
+    version = describe(CAMPAIGN_DATA / "calibration.parquet")["provenance"]["physics_version"]
+    if version != PHYSICS_VERSION:
+        raise DldsimError(
+            f"The campaign that comes with this installation is of physics version {version}, "
+            f"this is version {PHYSICS_VERSION}, whose angles differ. {remedy}"
+        )
+    return CAMPAIGN_DATA
+
+
+def keep_campaign(results: Path, directory: Path = CAMPAIGN_DATA) -> None:
+    """Make the tables and the surrogate of a results folder those that come with the package.
+
+    Raises DldsimError like `read_campaign`, and without flows, from which pressures follow.
+    """
+    read_campaign(results, Device(), Sweep.model_fields["safety_distance_um"].default)
+    for kind in KEPT:
+        path = Path(results) / f"{kind}.parquet"
+        about = describe(path)["provenance"]
+        write_table(kind, read_table(kind, path), Path(directory) / path.name, about)
+    for name in ("surrogate.json", "surrogate_card.json"):
+        with atomic_path(Path(directory) / name) as part:
+            part.write_bytes((Path(results) / name).read_bytes())
+
+
+def check_model(model: surrogate.Surrogate, outcomes: pd.DataFrame, place: Path) -> None:
+    """Refuse a surrogate that was learnt from other outcomes. Raises DldsimError."""
+    if surrogate._data_hash(surrogate.learnable(outcomes)) != model.card["data"]["sha256"]:
+        raise DldsimError(
+            f"{place}: the surrogate was learnt from other outcomes than those of outcomes.parquet "
+            "there. Fit it anew: `snakemake -j2 surrogate`."
+        )
+
+
+def settings_of_outcomes(
+    outcomes: pd.DataFrame, flows: pd.DataFrame | None = None
+) -> dict[str, Any]:
+    """Sections cell, flow, numerics and stiffness_sets as a table of outcomes tells them.
+
+    The viscosity is that of the capillary number Ca = μU/k_s. Raises DldsimError for mixed ones.
+    """
+    for name in ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s", "numerics",
+                 "release_axis"):
+        if outcomes[name].nunique() != 1:
+            raise DldsimError(f"The table of outcomes mixes several values of {name}: designs are "
+                              "made from outcomes of one cell, channel and velocity.")
+    done = outcomes[outcomes["capillary_number"].notna()]
+    if done.empty:
+        raise DldsimError("The table of outcomes has no run that was simulated.")
+    first = done.iloc[0]
+    asked = json.loads(first["numerics"])
+    velocity = float(first["mean_velocity_mm_s"])
+    viscosity = float(first["capillary_number"] * first["ks_uN_per_m"] / velocity)
+    drive = flows["drive"].iloc[0] if flows is not None and len(flows) else "no-lateral-flux"
+    names = list(Stiffness.model_fields)
+    sets = done.drop_duplicates("stiffness_set").set_index("stiffness_set")[names]
+    return {
+        "cell": CellShape(
+            shape=first["cell_shape"], radius_um=float(first["cell_radius_um"]),
+            axis=first["release_axis"],
+        ).model_dump(),
+        "flow": Flow(
+            mean_velocity_mm_s=velocity, viscosity_mPa_s=round(viscosity, 9),
+            height_um=float(first["height_um"]), drive=drive,
+        ).model_dump(),
+        "numerics": Numerics(**{key: asked[key] for key in Numerics.model_fields}).model_dump(),
+        "stiffness_sets": {str(k): {n: float(v) for n, v in row.items()}
+                           for k, row in sets.iterrows()},
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    import sys
+
+    keep_campaign(Path(sys.argv[1]))

@@ -1,0 +1,222 @@
+"""Candidates become designs: both cell types are simulated in the array that was searched for.
+
+Prediction and simulation are compared, the outcomes are learnt from, and the search begins anew,
+until they agree or the budget is spent.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from dldsim.analysis.surrogate import Surrogate
+from dldsim.config import campaign
+from dldsim.config.sections import DesignRequest, Geometry
+from dldsim.config.sections import Verification as Budget
+from dldsim.design.candidates import distinct, transition_geometries
+from dldsim.design.chip import GEOMETRY, Chip
+from dldsim.design.populations import Population
+from dldsim.design.search import search
+from dldsim.design.task import Task
+from dldsim.design.verdict import compare, parts
+from dldsim.design.verified import Verdicts, design_table
+from dldsim.errors import DldsimError
+from dldsim.experiments.outcome_files import Progress
+from dldsim.tables.parquet import COLUMNS
+
+
+def verify(
+    surrogate: Surrogate,
+    outcomes: pd.DataFrame,
+    request: DesignRequest,
+    chip: Chip,
+    budget: Budget,
+    populations: Sequence[Population],
+    simulate: Callable[..., dict],
+    seed: int,
+    *,
+    fit: Callable[[pd.DataFrame, int], Surrogate] | None = None,
+    resistance: Callable[[Geometry], Mapping[str, Any]] | None = None,
+    progress: Progress | None = None,
+) -> Verdicts:
+    """Search, simulate, compare and learn, in rounds.
+
+    A round searches on the surrogate, simulates both cell types in the best candidates that have
+    not been simulated, and in arrays near a mode transition, and refits the surrogate to all.
+    Rounds end when every new prediction of a candidate is confirmed and had told the order of the
+    two cells, when the best candidates have all been simulated, or with the budget. A prediction is
+    confirmed if the simulated value, with ± σ_num, meets its interval; it is compared only where
+    the surrogate interpolates.
+
+    The best designs in which the cells part are simulated once more on a finer lattice at half the
+    numerical Reynolds number: only what parts them there as well counts as separating.
+
+    ``request``: by deformation indices. ``simulate(geometry, population, height_um, finer)``
+    returns a row of `outcomes`; ``resistance`` one of `flows`. The best verified design is
+    simulated at ± height_tolerance_um too.
+
+    Raises DldsimError as `search` does.
+    """
+    from dldsim.analysis import surrogate as model
+
+    fit = fit or model.fit
+    say = progress or (lambda sentence: None)
+    records: list[dict] = []
+    pairs: dict[int, dict] = {}
+    rows: dict[str, dict] = {}
+    learnt = surrogate
+    stopped = f"{budget.rounds} rounds done"
+    spent = 0
+    candidates = pd.DataFrame()
+    for number in range(1, budget.rounds + 1):
+        task = Task(learnt, request, chip, campaign.derive_seed(seed, f"round {number}"))
+        candidates = search(learnt, request, chip, task.seed).designs
+        best = candidates.head(budget.designs_per_round).to_dict("records")
+        tried = [pair["place"] for pair in pairs.values()]
+        new = [c for c in best if all(distinct(request, c, t) for t in tried)]
+        if not new:
+            stopped = f"round {number}: the best candidates have been simulated before"
+            break
+        known = pd.concat([outcomes[GEOMETRY], pd.DataFrame(tried, columns=GEOMETRY)])
+        near = transition_geometries(task, known, budget.transition_geometries)
+        agreements, before = [], len(rows)
+        for role, place in [*(("design", c) for c in new), *(("transition", g) for g in near)]:
+            if spent + 2 > budget.outcomes_max:
+                stopped = f"round {number}: budget of {budget.outcomes_max} outcomes spent"
+                break
+            array = len(pairs) + 1
+            geometry = Geometry(**{name: place[name] for name in GEOMETRY})
+            say(f"round {number}, {role} {campaign.geometry_id(geometry)}")
+            found = simulate_pair(simulate, geometry, populations, chip.flow.height_um)
+            spent += 2
+            compared = compare(task, populations, geometry, found)
+            records += [{"request": request.name, "round": number, "role": role, "array": array,
+                         "height_um": chip.flow.height_um, **row} for row in compared]
+            pairs[array] = {"place": geometry.model_dump(), "role": role, "round": number,
+                            "rows": found, "difference": compared[2],
+                            "design": place if role == "design" else None}
+            rows |= {row["outcome_id"]: row for row in found}
+            if role == "design":
+                agreements.append(settles(compared[2]))
+        if len(rows) > before:
+            learnt = fit(with_outcomes(outcomes, rows), campaign.derive_seed(seed, f"fit {number}"))
+        if stopped.startswith("round"):
+            break
+        if agreements and all(agreements):
+            stopped = f"round {number}: predictions confirmed"
+            break
+    task = Task(learnt, request, chip, seed)
+    records += _finer_runs(task, pairs, populations, simulate, budget.finer_designs, say)
+    designs = design_table(task, pairs, resistance, stopped)
+    if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
+        heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
+        records += heights
+        designs = _with_heights(designs, heights, chip.flow.height_um)
+    return Verdicts(pd.DataFrame(records, columns=VERIFICATION_COLUMNS), designs,
+                    with_outcomes(outcomes, rows), candidates, rows)
+
+
+VERIFICATION_COLUMNS = [
+    "request", "round", "role", "array", "population", *GEOMETRY, "height_um", "outcome_id",
+    "deformation_index", "cell_radius_um", "ks_uN_per_m", "stiffness_basis", "predicted_deg",
+    "predicted_low_deg", "predicted_high_deg", "simulated_deg", "sigma_num_deg", "predicted_mode",
+    "mode", "status", "wall_time_s", "agrees", "verdict", "note",
+]  # fmt: skip
+
+
+def with_outcomes(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
+    """The table of outcomes with the verifying ones that could start below."""
+    done = [row for row in rows.values() if row["status"] != "failed"]
+    if not done:
+        return outcomes
+    numbers = {name: kind for name, kind in outcomes.dtypes.items() if kind.kind in "fi"}
+    added = pd.DataFrame(done)[list(outcomes.columns)].astype(numbers)
+    return pd.concat([outcomes, added], ignore_index=True)
+
+
+def settles(difference: Mapping[str, Any]) -> bool:
+    """Whether a prediction said which cell type goes further, and was confirmed."""
+    return difference["agrees"] is True
+
+
+def simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
+                   height_um: float, finer: bool = False) -> list[dict]:
+    """Rows of `outcomes` of both cell types; one that cannot start has status "failed"."""
+    found = []
+    for population in populations:
+        try:
+            found.append(simulate(geometry, population, height_um, finer))
+        except DldsimError as error:
+            found.append(_failed(geometry, population, height_um, str(error)))
+    return found
+
+
+def _failed(geometry: Geometry, population: Population, height_um: float, reason: str) -> dict:
+    return {
+        **{c.name: None for c in COLUMNS["outcomes"]}, **geometry.model_dump(),
+        **population.stiffness.model_dump(),
+        "outcome_id": campaign.outcome_id(campaign.Pair(geometry, population.name)),
+        "stiffness_set": population.name, "pitch_um": geometry.pitch_um,
+        "row_shift_fraction": geometry.row_shift_fraction, "height_um": height_um,
+        "cell_radius_um": population.radius_um, "status": "failed", "stop_reason": reason,
+        "mode": "none", "deformation_index": population.deformation_index,
+    }  # fmt: skip
+
+
+def _finer_runs(
+    task: Task, pairs: Mapping[int, dict], populations, simulate, count: int, say: Progress
+) -> list[dict]:
+    """The best designs that part the cells once more, at a finer setting; fills `finer` of pairs.
+
+    Returns rows of `verifications`.
+    """
+    parting = [(array, pair) for array, pair in pairs.items() if pair["role"] == "design"
+               and parts(pair["rows"], pair["difference"]["sigma_num_deg"])]
+    parting.sort(key=lambda item: -abs(item[1]["difference"]["simulated_deg"]))
+    height, records = task.chip.flow.height_um, []
+    for array, pair in parting[:count]:
+        geometry = Geometry(**pair["place"])
+        say(f"finer lattice, half the Reynolds number: {campaign.geometry_id(geometry)}")
+        pair["finer"] = simulate_pair(simulate, geometry, populations, height, finer=True)
+        for row in compare(task, populations, geometry, pair["finer"]):
+            # A check of the simulation; the surrogate has learnt from its outcome.
+            row |= {"agrees": None, "verdict": "finer lattice: not predicted, only simulated"}
+            records.append({"request": task.request.name, "round": pair["round"], "role": "finer",
+                            "array": array, "height_um": height, **row})
+    return records
+
+
+def _height_runs(task: Task, designs: pd.DataFrame, populations, simulate, left: int) -> list[dict]:
+    """The best design at both heights of the tolerance, as far as the budget goes."""
+    best, request = designs.iloc[0], task.request
+    if pd.isna(best["separation_deg"]):
+        return []
+    geometry = Geometry(**{name: best[name] for name in GEOMETRY})
+    found = []
+    for offset in (-request.height_tolerance_um, request.height_tolerance_um):
+        if left < 2:
+            break
+        left -= 2
+        height = task.chip.flow.height_um + offset
+        rows = compare(task, populations, geometry,
+                       simulate_pair(simulate, geometry, populations, height))
+        for row in rows:  # the surrogate knows one height: nothing was predicted for this one
+            row |= {"agrees": None, "verdict": "height off: not predicted, only simulated"}
+        found += [{"request": request.name, "round": int(best["round"]), "role": "height",
+                   "array": int(best["array"]), "height_um": height, **row} for row in rows]
+    return found
+
+
+def _with_heights(designs: pd.DataFrame, heights: Sequence[Mapping], height_um: float
+                  ) -> pd.DataFrame:
+    """The table with the simulated separation of the best design at both heights."""
+    if not heights:
+        return designs
+    designs = designs.copy()
+    order = 1.0 if designs["angle_2_deg"].iloc[0] >= designs["angle_1_deg"].iloc[0] else -1.0
+    for row in heights:
+        if row["population"] == "difference" and row["simulated_deg"] is not None:
+            side = "low" if row["height_um"] < height_um else "high"
+            designs.loc[designs.index[0], f"separation_{side}_height_deg"] = (
+                order * row["simulated_deg"])
+    return designs

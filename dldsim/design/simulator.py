@@ -1,0 +1,174 @@
+"""Outcomes of designs: simulated, kept on disk, and used again."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim.analysis import uncertainty
+from dldsim.config import campaign
+from dldsim.config.campaign import provenance
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl
+from dldsim.design.export import Verified
+from dldsim.design.populations import Population
+from dldsim.errors import DldsimError
+from dldsim.experiments.outcome_files import (
+    OutcomeFiles,
+    Partial,
+    Progress,
+    flow_row,
+    made_with,
+    write_outcome,
+)
+from dldsim.tables.parquet import read_columns, read_rows, write_table
+
+SHAPES_EVERY = 2
+"""Samples of a run from one recorded shape to the next."""
+
+
+class Scene(NamedTuple):
+    """What the campaign simulates with."""
+
+    cell: CellShape
+    flow: Flow
+    numerics: Numerics
+    control: RunControl
+
+
+class Simulator:
+    """Outcomes of a verification, each release kept on disk as soon as it is done, and used again.
+
+    Called with geometry, population and channel height [µm] it returns the row of `outcomes`. An
+    outcome is found again if everything it depends on is the same. The cell has its real radius:
+    what similarity assumes (height/R and membrane numbers unchanged) is part of what is checked.
+    """
+
+    def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
+        self.directory, self.scene, self.progress = Path(directory), scene, progress
+        self.model = uncertainty.read_model()
+        self._flow: tuple[Any, Any] = (None, None)
+
+    def __call__(
+        self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
+    ) -> dict:
+        scene = self._at(geometry, height_um, finer)
+        settings = {
+            **{name: getattr(scene, name).model_dump(mode="json")
+               for name in ("flow", "numerics", "control")},
+            "cell": self._cell(population).model_dump(mode="json"),
+            "stiffness": population.stiffness.model_dump(mode="json"),
+            "geometry": geometry.model_dump(mode="json"),
+        }
+        name = self.name(geometry, population, height_um, finer)
+        files, shapes = self._files(name)
+        digest = campaign.settings_hash(settings)
+        if not (shapes.exists() and made_with(files.outcome, digest)):
+            self._simulate(geometry, population, scene, name, settings)
+        [row] = read_rows("outcomes", files.outcome)
+        sigma, basis = uncertainty.numerical_uncertainty(row, self.model)
+        return {
+            **row, "deformation_index": population.deformation_index,
+            "deformation_index_std": population.deformation_index_std,
+            "sigma_num_deg": sigma, "sigma_num_basis": basis,
+        }  # fmt: skip
+
+    def name(self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
+             ) -> str:
+        """Identifier of an outcome; another height than the campaign's is part of it, in nm, and
+        so is a finer lattice."""
+        name = population.name + "-finer" * finer
+        if height_um != self.scene.flow.height_um:
+            name += f"-h{1e3 * height_um:.0f}"
+        return campaign.outcome_id(campaign.Pair(geometry, name))
+
+    def passage(self, row: Mapping[str, Any]) -> Verified:
+        """A finished outcome with trajectory and recorded shapes of its first release."""
+        from dldsim.experiments.vtk import read_vtkhdf
+
+        files, shapes = self._files(row["outcome_id"])
+        columns = read_columns("trajectory", files.trajectory).to_pydict()
+        columns = {k: np.array(v) for k, v in columns.items()}
+        first = columns["run_id"] == columns["run_id"][0]
+        return Verified(row, {k: v[first] for k, v in columns.items()}, read_vtkhdf(shapes))
+
+    def resistance(self, geometry: Geometry) -> dict[str, Any]:
+        """Row of `flows` of an array at the campaign's height, from the solver."""
+        path = self.directory / f"{campaign.geometry_id(geometry)}.flow.parquet"
+        scene = self.scene
+        settings = {"flow": scene.flow.model_dump(), "numerics": scene.numerics.model_dump()}
+        if not made_with(path, campaign.settings_hash(settings)):
+            row = flow_row(self._empty_flow(geometry, scene))
+            write_table("flows", [row], path, provenance(settings))
+        [row] = read_rows("flows", path)
+        return row
+
+    def _simulate(self, geometry, population, scene: Scene, name: str, settings: Mapping) -> None:
+        from dldsim.experiments.array_run import simulate_outcome
+        from dldsim.experiments.vtk import Recorder, write_vtkhdf
+
+        files, shapes = self._files(name)
+        kept = Partial(self.directory / name, name, settings)
+        places = scene.control.release_gap_fractions
+        finished = kept.finished(places) if shapes.exists() else {}
+        recorder = Recorder(SHAPES_EVERY)
+
+        def keep(place: float, result) -> None:
+            if place == places[0]:
+                write_vtkhdf(recorder.shapes(geometry, result), shapes, provenance(settings))
+            kept.keep(place, result)
+
+        result = simulate_outcome(
+            geometry, population.stiffness, self._cell(population), scene.flow, scene.numerics,
+            scene.control, outcome_id=name, stiffness_set=name.rpartition("_s")[2],
+            empty_flow=self._empty_flow(geometry, scene), finished=finished, keep=keep,
+            observe=recorder, progress=self.progress,
+        )  # fmt: skip
+        write_outcome(result, files, settings)
+        kept.remove()
+
+    def _at(self, geometry: Geometry, height_um: float, finer: bool) -> Scene:
+        from dldsim.solver.pillars import next_finer
+
+        flow = self.scene.flow.model_copy(update={"height_um": height_um})
+        numerics = self.scene.numerics
+        return self.scene._replace(
+            flow=flow, numerics=next_finer(geometry, numerics) if finer else numerics
+        )
+
+    def _cell(self, population: Population) -> CellShape:
+        return self.scene.cell.model_copy(update={"radius_um": population.radius_um})
+
+    def _files(self, name: str) -> tuple[OutcomeFiles, Path]:
+        """Tables of an outcome, and the shapes of its first release."""
+        tables = (self.directory / f"{name}.{kind}.parquet" for kind in OutcomeFiles._fields)
+        return OutcomeFiles(*tables), self.directory / f"{name}.vtkhdf"
+
+    def _empty_flow(self, geometry: Geometry, scene: Scene):
+        """Flow without a cell; the last one is kept, which both cell types share."""
+        from dldsim.solver.flow import solve_empty_array
+
+        key = geometry, scene.flow, scene.numerics
+        if self._flow[0] != key:
+            self._flow = key, solve_empty_array(geometry, scene.flow, scene.numerics)
+        return self._flow[1]
+
+
+def conditions(outcomes: pd.DataFrame, scene: Scene) -> None:
+    """Refuse a table of outcomes made under other conditions than the scene's.
+
+    Raises DldsimError that names what differs.
+    """
+    wanted = {"cell_shape": scene.cell.shape, "height_um": scene.flow.height_um,
+              "mean_velocity_mm_s": scene.flow.mean_velocity_mm_s}
+    for name, value in wanted.items():
+        if name not in outcomes:
+            raise DldsimError(f"The table of outcomes lacks the column {name}.")
+        other = sorted(set(outcomes[name]) - {value})
+        if other:
+            raise DldsimError(
+                f"The outcomes were made with {name} = {', '.join(map(str, other))}, the "
+                f"configuration has {value}. A design holds only for what was simulated: give the "
+                "configuration of that campaign with --config."
+            )

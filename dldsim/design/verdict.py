@@ -1,0 +1,186 @@
+"""What a simulation says of a prediction and of a design."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from dldsim.analysis import uncertainty
+from dldsim.config.sections import Geometry
+from dldsim.design.chip import GEOMETRY
+from dldsim.design.populations import Population
+from dldsim.design.task import Task
+from dldsim.experiments.migration import mode_of
+
+CONFIRMED, MISSED = "prediction confirmed", "prediction missed"
+UNINFORMATIVE = "prediction uninformative"
+SIGMAS = 2
+"""Numerical uncertainties that a simulated separation must exceed to count as one."""
+
+
+def compare(task: Task, populations: Sequence[Population], geometry: Geometry,
+            found: Sequence[Mapping]) -> list[dict]:
+    """Prediction and simulation of both cell types and of their difference; `verifications`."""
+    place = [getattr(geometry, name) for name in GEOMETRY]
+    angles = [float(a[0]) for a in task.angles(*place)]
+    half = [float(h[0]) for h in task.half_widths(*place)]
+    inside = [
+        bool(task.surrogate.inside_domain(*place, *cell)[0]) for cell in task.cells
+    ]  # fmt: skip
+    rows = []
+    for k, population in enumerate(populations):
+        row = found[k]
+        rows.append(_judged({
+            "population": str(population.number), **geometry.model_dump(),
+            "outcome_id": row["outcome_id"], "deformation_index": population.deformation_index,
+            "cell_radius_um": population.radius_um, "ks_uN_per_m": population.stiffness.ks_uN_per_m,
+            "stiffness_basis": population.basis, "predicted_deg": angles[k],
+            "simulated_deg": row["migration_angle_deg"], "sigma_num_deg": row["sigma_num_deg"],
+            "predicted_mode": mode_of(angles[k], geometry.row_shift_fraction), "mode": row["mode"],
+            "status": row["status"], "wall_time_s": row["wall_time_s"],
+            "note": _note(row),
+        }, half[k], inside[k]))  # fmt: skip
+    first, second = found
+    known = [r["migration_angle_deg"] is not None for r in found]
+    sigmas = [r["sigma_num_deg"] for r in found]
+    rows.append(_judged({
+        "population": "difference", **geometry.model_dump(),
+        "outcome_id": f"{first['outcome_id']}, {second['outcome_id']}", "deformation_index": None,
+        "cell_radius_um": None, "ks_uN_per_m": None, "stiffness_basis": "",
+        "predicted_deg": angles[1] - angles[0],
+        "simulated_deg":
+            second["migration_angle_deg"] - first["migration_angle_deg"] if all(known) else None,
+        "sigma_num_deg": None if None in sigmas else math.hypot(*sigmas),
+        "predicted_mode": ", ".join(r["predicted_mode"] for r in rows),
+        "mode": ", ".join(r["mode"] for r in found),
+        "status": ", ".join(r["status"] for r in found),
+        "wall_time_s": sum(r["wall_time_s"] or 0.0 for r in found),
+        "note": "; ".join(dict.fromkeys(r["note"] for r in rows if r["note"])),
+    }, math.hypot(*half), all(inside)))  # fmt: skip
+    return rows
+
+
+def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
+    """The row with its interval and whether the simulated value meets it.
+
+    An interval of a difference that includes zero does not say which cell type goes further: what
+    meets it is no confirmation, and `agrees` is then not known.
+    """
+    low, high = row["predicted_deg"] - half_width_deg, row["predicted_deg"] + half_width_deg
+    simulated, sigma = row["simulated_deg"], row["sigma_num_deg"] or 0.0
+    agrees = None
+    if simulated is None:
+        verdict = "no angle to compare with"
+    elif not inside:
+        verdict = "not compared: outside the training geometries"
+    else:
+        agrees = low - sigma <= simulated <= high + sigma
+        off = simulated - row["predicted_deg"]
+        verdict = f"{CONFIRMED} (± {half_width_deg:.2f}°)" if agrees else f"{MISSED} by {off:+.2f}°"
+        if agrees and row["population"] == "difference" and low <= 0 <= high:
+            agrees = None
+            verdict = f"{UNINFORMATIVE}: its interval, {low:.2f} to {high:.2f}°, includes zero"
+    return {**row, "predicted_low_deg": low, "predicted_high_deg": high, "agrees": agrees,
+            "verdict": verdict}
+
+
+def _note(row: Mapping[str, Any]) -> str:
+    """What a reader must know of an outcome that is not decided."""
+    if row["status"] in uncertainty.OPEN:
+        return f"{row['status']}: {row['stop_reason']}"
+    return "" if row["status"] == "decided" else row["stop_reason"]
+
+
+def difference_of(found: Sequence[Mapping] | None) -> float | None:
+    """Angle of the second cell type minus that of the first [°]; None where one is not known."""
+    angles = [row["migration_angle_deg"] for row in found or [{"migration_angle_deg": None}]]
+    return None if None in angles else angles[1] - angles[0]
+
+
+def towards(order: float, difference: float) -> float:
+    """A difference with the sign that says whether it has the same order."""
+    return math.copysign(difference, difference * order)
+
+
+def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
+    """Whether two outcomes part the cells from every place of release.
+
+    Decided outcomes part if the angles differ by more than SIGMAS σ_num and by more than both
+    spreads of the releases together. Where one is undecided, its bounds decide: they part the cells
+    if they do not overlap. None where they do overlap, or σ_num is not known.
+    """
+    difference = difference_of(found)
+    if difference is None or any(row["status"] not in ("decided", "undecided") for row in found):
+        return False
+    if any(row["status"] == "undecided" for row in found):
+        apart = max(r["angle_low_deg"] for r in found) > min(r["angle_high_deg"] for r in found)
+        return True if apart else None
+    if abs(difference) <= sum(row["angle_spread_deg"] or 0.0 for row in found):
+        return False
+    return None if sigma_deg is None else abs(difference) > SIGMAS * sigma_deg
+
+
+def separated(
+    found: Sequence[Mapping], sigma_deg: float | None, finer: Sequence[Mapping] | None
+) -> bool | None:
+    """Whether a design separates: at the campaign's setting and, in the same order, at a finer one.
+
+    None where that is open, or the finer setting was not simulated.
+    """
+    known = parts(found, sigma_deg)
+    if not known or finer is None:
+        return False if known is False else None
+    same = parts(finer, sigma_deg)
+    if same and towards(difference_of(found), difference_of(finer)) < 0:
+        return False
+    return same
+
+
+def design_verdict(
+    difference: Mapping[str, Any], found: Sequence[Mapping], finer: Sequence[Mapping] | None,
+    separates: bool | None,
+) -> str:
+    """Whether it separates, at which settings, whether that was predicted, and what is open."""
+    simulated, sigma = difference["simulated_deg"], difference["sigma_num_deg"]
+    if simulated is None:
+        return f"no separation measured: {difference['note']}"
+    size = f"{abs(simulated):.2f}°" if sigma is None else f"{abs(simulated):.2f} ± {sigma:.2f}°"
+    if separates:
+        words = f"separates by {size}, {_settings(finer)} as well"
+    elif finer is not None:
+        words = (f"open: {abs(simulated):.2f}°, {_settings(finer)}, undecided" if separates is None
+                 else f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}")
+    elif separates is None and parts(found, sigma) is None:
+        why = _undecided(found) or "numerical uncertainty not studied"
+        words = f"open, {abs(simulated):.2f}°: {why}"
+    elif separates is None:
+        words = f"separates by {size} at this setting; not confirmed at a finer one"
+    else:
+        words = f"does not separate: {_why_not(found, simulated, sigma)}"
+    said = [words, difference["verdict"]]
+    if separates is not False and simulated * difference["predicted_deg"] < 0:
+        said.append("in the opposite order")
+    return "; ".join([*said, *filter(None, [difference["note"]])])
+
+
+def _settings(finer: Sequence[Mapping]) -> str:
+    """What a finer setting gave, in words."""
+    value = difference_of(finer)
+    outcome = "no angle" if value is None else f"{abs(value):.2f}°"
+    lag = max(row["lag_number"] or 0.0 for row in finer)
+    return f"{outcome} at spacing {finer[0]['spacing_um'] or math.nan:.2f} µm and Re {lag:.2f}"
+
+
+def _undecided(found: Sequence[Mapping]) -> str:
+    """Which of two outcomes are not decided, in words; empty: none."""
+    return " and ".join(f"cell type {i} is {row['status']}" for i, row in enumerate(found, 1)
+                        if row["status"] != "decided")
+
+
+def _why_not(found: Sequence[Mapping], simulated: float, sigma: float | None) -> str:
+    """Why two outcomes do not part, in words."""
+    if open_ := _undecided(found):
+        return open_
+    if sigma is not None and abs(simulated) <= SIGMAS * sigma:
+        return f"{abs(simulated):.2f}° is within {SIGMAS} σ_num of zero"
+    spread = sum(row["angle_spread_deg"] or 0.0 for row in found)
+    return f"{abs(simulated):.2f}° is within the spread of the releases, {spread:.2f}°"

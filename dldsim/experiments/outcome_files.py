@@ -1,0 +1,101 @@
+"""Tables of one simulation: what of a result is written, where, and when it may be used again."""
+
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dldsim.config import campaign
+from dldsim.config.campaign import provenance
+from dldsim.errors import DldsimError
+from dldsim.tables.parquet import describe, read_columns, read_rows, write_table
+
+Progress = Callable[[str], None]
+"""Takes a sentence about what is going on."""
+
+
+def flow_row(result) -> dict:
+    """Row of `flows` of an EmptyFlow."""
+    return {"stop_reason": "the mean velocity is steady", **result.summary()}
+
+
+class OutcomeFiles(NamedTuple):
+    """Tables of one outcome: its row of `outcomes`, its `runs`, the `trajectory` of all releases.
+    """
+
+    outcome: Path
+    runs: Path
+    trajectory: Path
+
+
+def write_outcome(result, files: OutcomeFiles, settings: Mapping) -> None:
+    """Write the tables of an OutcomeResult, its row last."""
+    about = provenance(settings)
+    write_table("trajectory", result.trajectory(), files.trajectory, about)
+    write_table("runs", result.rows(), files.runs, about)
+    write_table("outcomes", [{**NOT_JOINED, **result.row}], files.outcome, about)
+
+
+NOT_JOINED = {"deformation_index": None, "deformation_index_std": None, "sigma_num_deg": None,
+              "sigma_num_basis": "not joined yet"}
+"""Columns of `outcomes` that are filled when the outcomes are gathered."""
+
+
+def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
+    """Write the two tables of a RunResult."""
+    write_table("trajectory", result.trajectory, trajectory, provenance(settings))
+    write_table("runs", [result.row], row, provenance(settings))
+
+
+def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -> None:
+    """Write the two tables of a ConstrictionResult."""
+    about = provenance(settings)
+    write_table("constriction_trajectory", result.trajectory, trajectory, about)
+    write_table("constriction_runs", [result.row], row, about)
+
+
+def made_with(path: Path, digest: str) -> bool:
+    """Whether a table exists, is readable, of this physics, and made with these settings."""
+    try:
+        about = describe(path)
+        read_columns(about["kind"], path)
+    except DldsimError:
+        return False
+    return about["provenance"]["config_hash"] == digest
+
+
+class Partial:
+    """Finished releases of an outcome under way, in a folder of their own until it is written.
+
+    A stop then costs at most the release under way. What was made with other settings is not used.
+    """
+
+    def __init__(self, directory: Path, outcome: str, settings: Mapping):
+        self.directory, self.outcome, self.about = Path(directory), outcome, provenance(settings)
+
+    def _files(self, place: float) -> tuple[Path, Path]:
+        name = campaign.run_id(self.outcome, place)
+        return (self.directory / f"{name}.run.parquet",
+                self.directory / f"{name}.trajectory.parquet")
+
+    def keep(self, place: float, result) -> None:
+        """Write a RunResult; its row last, which says that all of it is there."""
+        row, trajectory = self._files(place)
+        write_table("trajectory", result.trajectory, trajectory, self.about)
+        write_table("runs", [result.row], row, self.about)
+
+    def finished(self, places: Iterable[float]) -> dict[float, Any]:
+        """The RunResults that are there, by place."""
+        from dldsim.experiments.array_run import RunResult
+
+        found = {}
+        for place in places:
+            row, trajectory = self._files(place)
+            if all(made_with(path, self.about["config_hash"]) for path in (row, trajectory)):
+                columns = read_columns("trajectory", trajectory)
+                path = {name: columns[name].to_numpy() for name in columns.column_names}
+                found[place] = RunResult(read_rows("runs", row)[0], path)
+        return found
+
+    def remove(self) -> None:
+        shutil.rmtree(self.directory, ignore_errors=True)
