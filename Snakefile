@@ -27,7 +27,7 @@ rule all:
 
 
 onstart:
-    campaign.write_stamp(Path(RESULTS))
+    write_stamp(Path(RESULTS))
 
 
 onsuccess:

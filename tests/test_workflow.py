@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from dldsim.config import campaign
-from dldsim.config.sections import read_config
+from dldsim.config.presets import read_config
+from dldsim.config.provenance import STAMP, stamp
 from dldsim.evidence import reference_study
 from dldsim.tables.parquet import read_rows
 
@@ -70,7 +71,7 @@ def finished(tmp_path_factory):
             continue
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("shell")
-    (folder / "results" / campaign.STAMP).write_text(json.dumps(campaign.stamp()))
+    (folder / "results" / STAMP).write_text(json.dumps(stamp()))
     snakemake(folder, "all", "--touch", "--forceall", *config)
     assert planned(folder, "all", *config) == {}
     return folder
@@ -185,7 +186,7 @@ def test_a_crash_is_tried_again_once_per_start(finished):
 
 
 def test_results_of_other_physics_are_refused(finished):
-    stamp = finished / "results" / campaign.STAMP
+    stamp = finished / "results" / STAMP
     ours = stamp.read_text()
     try:
         stamp.write_text('{"dldsim_version": "0.0.1", "physics_version": -1}')

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dldsim.config.campaign import GROUP_VELOCITY
+from dldsim.config.identifiers import GROUP_VELOCITY
 from dldsim.errors import DldsimError
 
 MODULI = ["ks_uN_per_m", "kal_uN_per_m", "kb_pN_um"]

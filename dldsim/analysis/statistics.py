@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 
-GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 DEFORMATION = "deformation_index"
 ANGLE = "migration_angle_deg"
 NEEDED = [*GEOMETRY, "stiffness_set", DEFORMATION, ANGLE]

@@ -41,8 +41,9 @@ from dldsim.analysis.regressors import (
     tune,
 )
 from dldsim.errors import DldsimError
-from dldsim.experiments.migration import DECIDED, mode_of
+from dldsim.experiments.migration import mode_of
 from dldsim.tables.parquet import atomic_path
+from dldsim.vocabulary import DECIDED
 
 if TYPE_CHECKING:
     from xgboost import Booster

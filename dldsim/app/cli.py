@@ -14,24 +14,20 @@ from pathlib import Path
 from typing import Any
 
 from dldsim import PHYSICS_VERSION, __version__
+from dldsim.config.configuration import Config, Sweep
+from dldsim.config.design_sections import DesignRequest, Device, Verification
+from dldsim.config.explain import validate
+from dldsim.config.feasibility import check_gap, check_passable
+from dldsim.config.presets import read_config
 from dldsim.config.sections import (
     Cell,
-    Config,
     Constriction,
     ConstrictionGroup,
-    DesignRequest,
-    Device,
     Flow,
     Geometry,
     Numerics,
     RunControl,
     Section,
-    Sweep,
-    Verification,
-    check_gap,
-    check_passable,
-    read_config,
-    validate,
 )
 from dldsim.errors import DldsimError
 
@@ -88,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """One cell through one array: from one place of release, or a whole outcome."""
-    from dldsim.config import campaign
+    from dldsim.config import identifiers
 
     config = _campaign(args.config)
     geometry = _geometry(args)
@@ -98,7 +94,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     check_gap(geometry, _safety_distance(config))
     check_passable(geometry, cell, flow.height_um)
     stiffness = _named(config, "stiffness_sets", args.set, "--set")
-    outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
+    outcome = identifiers.outcome_id(identifiers.Pair(geometry, args.set))
     from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
     from dldsim.app import jobs
     from dldsim.experiments.array_run import simulate_outcome, simulate_run
@@ -107,7 +103,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     settings = {s.__class__.__name__: s.model_dump(mode="json") for s in sections}
     with _progress() as progress:
         if args.releases is None:
-            name = campaign.run_id(outcome, cell.release_gap_fraction)
+            name = identifiers.run_id(outcome, cell.release_gap_fraction)
             result = simulate_run(*sections, run_id=name, outcome_id=outcome,
                                   stiffness_set=args.set, progress=progress)
         else:

@@ -13,18 +13,10 @@ from dldsim.analysis import surrogate
 from dldsim.analysis.calibration import join_deformation_index
 from dldsim.analysis.regressors import INPUTS
 from dldsim.app.jobs import Progress, provenance
-from dldsim.config import campaign
-from dldsim.config.sections import (
-    CellShape,
-    DesignRequest,
-    Device,
-    Flow,
-    Numerics,
-    RunControl,
-    Stiffness,
-    Sweep,
-    Verification,
-)
+from dldsim.config.configuration import Sweep
+from dldsim.config.design_sections import DesignRequest, Device, Verification
+from dldsim.config.provenance import derive_seed
+from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
 from dldsim.design.export import export_design
 from dldsim.design.search import Chip, Each, Found, Resistance, regret, search
 from dldsim.design.verification import (
@@ -40,7 +32,6 @@ from dldsim.design.verification import (
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 from dldsim.tables.parquet import (
-    COLUMNS,
     atomic_path,
     describe,
     read_many,
@@ -48,6 +39,7 @@ from dldsim.tables.parquet import (
     write_csv,
     write_table,
 )
+from dldsim.tables.registry import COLUMNS
 
 SEARCH = (
     "designs", "design_trials", "design_tolerances", "design_importance", "design_slices",
@@ -102,7 +94,7 @@ def search_all(inputs: Inputs, seed: int) -> Found:
     """Tables of the searches of all requests."""
     found = [
         search(inputs.model, by_deformation_index(request, inputs.calibration), inputs.chip,
-               campaign.derive_seed(seed, f"design/{request.name}"))
+               derive_seed(seed, f"design/{request.name}"))
         for request in inputs.requests
     ]  # fmt: skip
     return Found(*(pd.concat(tables, ignore_index=True) for tables in zip(*found, strict=True)))
@@ -122,7 +114,7 @@ def regret_job(settings: Mapping, *, table: Path, **paths: Path) -> None:
     inputs = _inputs(settings, **paths)
     found = [
         regret(inputs.model, by_deformation_index(request, inputs.calibration), inputs.chip,
-               campaign.derive_seed(settings["seed"], f"regret/{request.name}"))
+               derive_seed(settings["seed"], f"regret/{request.name}"))
         for request in inputs.requests
     ]  # fmt: skip
     kind = "search_regret"
@@ -156,7 +148,7 @@ def verify_request(
     simulator = Simulator(work, scene, progress)
     verdicts = verify(
         model, tables["outcomes"], resolved, chip, budget, populations, simulator,
-        campaign.derive_seed(settings["seed"], f"verify/{request.name}"),
+        derive_seed(settings["seed"], f"verify/{request.name}"),
         resistance=simulator.resistance, progress=progress,
     )  # fmt: skip
     Path(files).mkdir(parents=True, exist_ok=True)
@@ -201,7 +193,7 @@ def gather_verified(
     ):  # fmt: skip
         write_table(kind, table, tables[kind], about)
         write_csv(kind, tables[kind])
-    seed = campaign.derive_seed(settings["seed"], "surrogate")
+    seed = derive_seed(settings["seed"], "surrogate")
     surrogate.fit(learnt, seed).save(model, card)
 
 
@@ -398,7 +390,7 @@ def make_designs(
     """
     resolved = by_deformation_index(request, known.tables.get("calibration"))
     found = search(known.model, resolved, known.chip,
-                   campaign.derive_seed(seed, f"design/{request.name}"), each)
+                   derive_seed(seed, f"design/{request.name}"), each)
     settings = {
         **known.settings, "seed": seed, "verification": budget.model_dump(),
         "design_requests": [request.model_dump()],

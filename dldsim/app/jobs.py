@@ -15,11 +15,12 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
-from dldsim.config import campaign
+from dldsim.config import campaign, identifiers
+from dldsim.config.configuration import Config
+from dldsim.config.provenance import settings_hash
 from dldsim.config.sections import (
     Cell,
     CellShape,
-    Config,
     Constriction,
     ConstrictionGroup,
     Flow,
@@ -31,7 +32,6 @@ from dldsim.config.sections import (
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
 from dldsim.tables.parquet import (
-    COLUMNS,
     atomic_path,
     describe,
     read_columns,
@@ -39,6 +39,7 @@ from dldsim.tables.parquet import (
     write_csv,
     write_table,
 )
+from dldsim.tables.registry import COLUMNS
 
 Progress = Callable[[str], None]
 
@@ -73,13 +74,13 @@ def _writer(log: TextIO) -> Progress:
 def provenance(settings: Mapping[str, Any], seed: int | None = None) -> dict:
     """Metadata of a file that depends on these settings and this seed."""
     settings = dict(settings)
-    return {"config_hash": campaign.settings_hash(settings), "seed": seed, "settings": settings}
+    return {"config_hash": settings_hash(settings), "seed": seed, "settings": settings}
 
 
 def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crashes: Path,
              progress: Progress) -> None:
     """Empty-array flow of one geometry: `flow` (.npz) and its row of `flows`."""
-    geometry = campaign.parse_geometry(identifier)
+    geometry = identifiers.parse_geometry(identifier)
 
     def simulate() -> None:
         from dldsim.solver.flow import solve_empty_array
@@ -119,7 +120,7 @@ class Partial:
         self.directory, self.outcome, self.about = Path(directory), outcome, provenance(settings)
 
     def _files(self, place: float) -> tuple[Path, Path]:
-        name = campaign.run_id(self.outcome, place)
+        name = identifiers.run_id(self.outcome, place)
         return (self.directory / f"{name}.run.parquet",
                 self.directory / f"{name}.trajectory.parquet")
 
@@ -169,7 +170,7 @@ def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Pat
                 files: OutcomeFiles, partial: Path, crashes: Path, progress: Progress) -> None:
     """One outcome of the campaign: as many releases as it takes; finished ones wait in `partial`.
     """
-    pair = campaign.parse_outcome(identifier)
+    pair = identifiers.parse_outcome(identifier)
     control = RunControl(**settings["run_control"])
     sections = (pair.geometry, Stiffness(**settings["stiffness"]), CellShape(**settings["cell"]),
                 Flow(**settings["flow"]), Numerics(**settings["numerics"]))
@@ -294,7 +295,7 @@ def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
 def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,
                      crashes: Path, progress: Progress) -> None:
     """One constriction run: `row` of `constriction_runs`, and its `trajectory`."""
-    name, _, design = campaign.parse_constriction(identifier)
+    name, _, design = identifiers.parse_constriction(identifier)
     group = ConstrictionGroup(**settings["group"])
     channel = Constriction(**settings["constriction"])
     release = settings["release_position_um"]
@@ -329,7 +330,7 @@ def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dic
         "stiffness_set": group.stiffness_set or "",
         **group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"}),
         "velocity_mm_s": group.velocity_mm_s,
-        "design": campaign.GROUP_VELOCITY,
+        "design": identifiers.GROUP_VELOCITY,
         "release_position_um": settings["release_position_um"],
     }
 

@@ -12,16 +12,9 @@ from typing import Any
 
 from dldsim.analysis import uncertainty
 from dldsim.app.jobs import NOT_JOINED, Partial, Progress, provenance
-from dldsim.config.campaign import Pair, outcome_id, parse_outcome
-from dldsim.config.sections import (
-    CellShape,
-    Config,
-    Flow,
-    Geometry,
-    Numerics,
-    RunControl,
-    Stiffness,
-)
+from dldsim.config.configuration import Config
+from dldsim.config.identifiers import Pair, outcome_id, parse_outcome
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.evidence import reference_study, spot_check
 from dldsim.evidence.reference_study import CAMPAIGN, Row
 from dldsim.tables.parquet import atomic_path, read_rows, write_csv, write_table

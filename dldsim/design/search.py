@@ -15,14 +15,16 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis.surrogate import DOMAIN_TOLERANCE, Surrogate
-from dldsim.config.sections import DesignRequest, Device, Flow
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.sections import Flow
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
+from dldsim.tables.registry import TABLES
+from dldsim.vocabulary import GEOMETRY
 
 if TYPE_CHECKING:
     import optuna
 
-GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 Each = Callable[[Mapping[str, Any]], None]
 """Told of every trial of a search as soon as it is done; what it raises ends the search."""
 TOLERANCE_STEPS = 5
@@ -591,16 +593,7 @@ def _designs(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         throughput_uL_per_h=chip.throughput_uL_per_h,
         verdict=[verdict_of(row, ranks.count(row["rank"])) for _, row in designs.iterrows()],
     )
-    return designs[DESIGN_COLUMNS].reset_index(drop=True)
-
-
-DESIGN_COLUMNS = [
-    "request", "design", "rank", *GEOMETRY, "objective", "value", "separation_deg",
-    "angle_1_deg", "angle_2_deg", "mode_1", "mode_2", "separation_tolerance_min_deg",
-    "separation_tolerance_max_deg", "robust_separation_deg", "mode_change_probability",
-    "sigma_num_deg", "uncertainty_deg", "length_mm", "pressure_drop_kPa", "pressure_basis",
-    "throughput_uL_per_h", "verdict", "inside_training_domain",
-]  # fmt: skip
+    return designs[TABLES["designs"].names].reset_index(drop=True)
 
 
 def _over_tolerance(task: Task, table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:

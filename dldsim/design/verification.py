@@ -25,20 +25,13 @@ from dldsim.app.jobs import (
     provenance,
     write_outcome,
 )
-from dldsim.config import campaign
-from dldsim.config.sections import (
-    CellShape,
-    DesignRequest,
-    Flow,
-    Geometry,
-    Numerics,
-    RunControl,
-    Stiffness,
-)
-from dldsim.config.sections import Verification as Budget
+from dldsim.config import identifiers
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.design_sections import Verification as Budget
+from dldsim.config.provenance import derive_seed, settings_hash
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.design.export import Verified, export_design
 from dldsim.design.search import (
-    GEOMETRY,
     Chip,
     Task,
     _over_tolerance,
@@ -49,7 +42,9 @@ from dldsim.design.search import (
 )
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
-from dldsim.tables.parquet import COLUMNS, read_columns, read_rows, write_table
+from dldsim.tables.parquet import read_columns, read_rows, write_table
+from dldsim.tables.registry import COLUMNS, TABLES
+from dldsim.vocabulary import GEOMETRY
 
 SHAPES_EVERY = 2
 """Samples of a run from one recorded shape to the next."""
@@ -150,7 +145,7 @@ class Simulator:
         }
         name = self.name(geometry, population, height_um, finer)
         files, shapes = self._files(name)
-        digest = campaign.settings_hash(settings)
+        digest = settings_hash(settings)
         if not (shapes.exists() and made_with(files.outcome, digest)):
             self._simulate(geometry, population, scene, name, settings)
         [row] = read_rows("outcomes", files.outcome)
@@ -168,7 +163,7 @@ class Simulator:
         name = population.name + "-finer" * finer
         if height_um != self.scene.flow.height_um:
             name += f"-h{1e3 * height_um:.0f}"
-        return campaign.outcome_id(campaign.Pair(geometry, name))
+        return identifiers.outcome_id(identifiers.Pair(geometry, name))
 
     def passage(self, row: Mapping[str, Any]) -> Verified:
         """A finished outcome with trajectory and recorded shapes of its first release."""
@@ -182,10 +177,10 @@ class Simulator:
 
     def resistance(self, geometry: Geometry) -> dict[str, Any]:
         """Row of `flows` of an array at the campaign's height, from the solver."""
-        path = self.directory / f"{campaign.geometry_id(geometry)}.flow.parquet"
+        path = self.directory / f"{identifiers.geometry_id(geometry)}.flow.parquet"
         scene = self.scene
         settings = {"flow": scene.flow.model_dump(), "numerics": scene.numerics.model_dump()}
-        if not made_with(path, campaign.settings_hash(settings)):
+        if not made_with(path, settings_hash(settings)):
             row = flow_row(self._empty_flow(geometry, scene))
             write_table("flows", [row], path, provenance(settings))
         [row] = read_rows("flows", path)
@@ -297,7 +292,7 @@ def verify(
     spent = 0
     candidates = pd.DataFrame()
     for number in range(1, budget.rounds + 1):
-        task = Task(learnt, request, chip, campaign.derive_seed(seed, f"round {number}"))
+        task = Task(learnt, request, chip, derive_seed(seed, f"round {number}"))
         candidates = search(learnt, request, chip, task.seed).designs
         best = candidates.head(budget.designs_per_round).to_dict("records")
         tried = [pair["place"] for pair in pairs.values()]
@@ -314,7 +309,7 @@ def verify(
                 break
             array = len(pairs) + 1
             geometry = Geometry(**{name: place[name] for name in GEOMETRY})
-            say(f"round {number}, {role} {campaign.geometry_id(geometry)}")
+            say(f"round {number}, {role} {identifiers.geometry_id(geometry)}")
             found = _simulate_pair(simulate, geometry, populations, chip.flow.height_um)
             spent += 2
             compared = compare(task, populations, geometry, found)
@@ -327,7 +322,7 @@ def verify(
             if role == "design":
                 agreements.append(_settles(compared[2]))
         if len(rows) > before:
-            learnt = fit(_with(outcomes, rows), campaign.derive_seed(seed, f"fit {number}"))
+            learnt = fit(_with(outcomes, rows), derive_seed(seed, f"fit {number}"))
         if stopped.startswith("round"):
             break
         if agreements and all(agreements):
@@ -340,16 +335,8 @@ def verify(
         heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
         records += heights
         designs = _with_heights(designs, heights, chip.flow.height_um)
-    return Verdicts(pd.DataFrame(records, columns=VERIFICATION_COLUMNS), designs,
+    return Verdicts(pd.DataFrame(records, columns=TABLES["verifications"].names), designs,
                     _with(outcomes, rows), candidates, rows)
-
-
-VERIFICATION_COLUMNS = [
-    "request", "round", "role", "array", "population", *GEOMETRY, "height_um", "outcome_id",
-    "deformation_index", "cell_radius_um", "ks_uN_per_m", "stiffness_basis", "predicted_deg",
-    "predicted_low_deg", "predicted_high_deg", "simulated_deg", "sigma_num_deg", "predicted_mode",
-    "mode", "status", "wall_time_s", "agrees", "verdict", "note",
-]  # fmt: skip
 
 
 def _with(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
@@ -384,7 +371,7 @@ def _failed(geometry: Geometry, population: Population, height_um: float, reason
     return {
         **{c.name: None for c in COLUMNS["outcomes"]}, **geometry.model_dump(),
         **population.stiffness.model_dump(),
-        "outcome_id": campaign.outcome_id(campaign.Pair(geometry, population.name)),
+        "outcome_id": identifiers.outcome_id(identifiers.Pair(geometry, population.name)),
         "stiffness_set": population.name, "pitch_um": geometry.pitch_um,
         "row_shift_fraction": geometry.row_shift_fraction, "height_um": height_um,
         "cell_radius_um": population.radius_um, "status": "failed", "stop_reason": reason,
@@ -507,9 +494,10 @@ def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -
             "stopped": stopped,
             "separation_low_height_deg": None, "separation_high_height_deg": None,
         })  # fmt: skip
-    table = pd.DataFrame(rows, columns=[c for c in VERIFIED_COLUMNS if c not in LATER])
+    names = TABLES["verified_designs"].names
+    table = pd.DataFrame(rows, columns=[c for c in names if c not in LATER])
     if table.empty:
-        return table.reindex(columns=VERIFIED_COLUMNS)
+        return table.reindex(columns=names)
     place = [table[name].to_numpy() for name in GEOMETRY]
     angles = task.angles(*place)
     predicted = table.assign(angle_1_deg=angles[0], angle_2_deg=angles[1])
@@ -531,21 +519,11 @@ def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -
     sigma = table["sigma_num_deg"].astype(float)
     table["rank"] = ranks_of(table.assign(sigma_num_deg=sigma), "value")
     table["name"] = [f"{request.name}-{k}" for k in range(1, len(table) + 1)]
-    return table[VERIFIED_COLUMNS]
+    return table[names]
 
 
 LATER = ("rank", "name", "separation_tolerance_min_deg", "separation_tolerance_max_deg",
          "robust_separation_deg", "mode_change_probability")
-VERIFIED_COLUMNS = [
-    "request", "rank", "name", "array", "round", *GEOMETRY, "separation_deg", "sigma_num_deg",
-    "separation_finer_deg", "finer_spacing_um", "finer_lag_number",
-    "angle_1_deg", "angle_2_deg", "mode_1", "mode_2", "status_1", "status_2",
-    "predicted_separation_deg", "uncertainty_deg", "separation_tolerance_min_deg",
-    "separation_tolerance_max_deg", "robust_separation_deg", "mode_change_probability",
-    "separation_low_height_deg", "separation_high_height_deg", "permeability_over_pitch2",
-    "length_mm", "pressure_drop_kPa", "pressure_basis", "throughput_uL_per_h", "agrees",
-    "separates", "verdict", "stopped",
-]  # fmt: skip
 
 
 def _difference(found: Sequence[Mapping] | None) -> float | None:
@@ -606,7 +584,7 @@ def _finer_runs(
     height, records = task.chip.flow.height_um, []
     for array, pair in parting[:count]:
         geometry = Geometry(**pair["place"])
-        say(f"finer lattice, half the Reynolds number: {campaign.geometry_id(geometry)}")
+        say(f"finer lattice, half the Reynolds number: {identifiers.geometry_id(geometry)}")
         pair["finer"] = _simulate_pair(simulate, geometry, populations, height, finer=True)
         for row in compare(task, populations, geometry, pair["finer"]):
             # A check of the simulation; the surrogate has learnt from its outcome.

@@ -13,8 +13,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import mean, stdev, variance
 from typing import Any, NamedTuple
 
-from dldsim.config.campaign import OUTCOME_PATTERN, parse_outcome
-from dldsim.config.sections import Cell, Config, RunControl, validate
+from dldsim.config.configuration import Config
+from dldsim.config.explain import validate
+from dldsim.config.identifiers import OUTCOME_PATTERN, parse_outcome
+from dldsim.config.sections import Cell, RunControl
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import SETTLED
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dldsim.config.campaign import run_id as release_id
+from dldsim.config.identifiers import run_id as release_id
 from dldsim.config.sections import (
     CELL_NUMERICS,
     Cell,
@@ -26,7 +26,6 @@ from dldsim.config.sections import (
 )
 from dldsim.errors import DldsimError, NoRoom
 from dldsim.experiments.migration import (
-    SETTLED,
     Migration,
     analyse_path,
     next_release,
@@ -48,6 +47,7 @@ from dldsim.solver.time_step import (
     refinement,
 )
 from dldsim.solver.units import Units
+from dldsim.vocabulary import SETTLED
 
 Progress = Callable[[str], None] | None
 

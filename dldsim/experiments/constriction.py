@@ -12,8 +12,9 @@ import numpy as np
 from dldsim.config.sections import Cell, Constriction, ConstrictionGroup, Flow, Numerics
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_run import REMEDY, Progress, Record
+from dldsim.laws import viscosity
 from dldsim.solver.flow import Fluid, advance_to_steady
-from dldsim.solver.lattice import Lattice, make_lattice, viscosity
+from dldsim.solver.lattice import Lattice, make_lattice
 from dldsim.solver.time_loop import CellInFlow, deformation_index
 from dldsim.solver.time_step import again_if_unstable, bottleneck, margins, refined, refinement
 from dldsim.solver.units import Units

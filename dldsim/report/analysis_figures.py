@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 
 from dldsim.analysis.regressors import pooled
 from dldsim.analysis.statistics import GEOMETRY
-from dldsim.config.campaign import FIXED_VELOCITY, GROUP_VELOCITY
+from dldsim.config.identifiers import FIXED_VELOCITY, GROUP_VELOCITY
 from dldsim.report.figures import (
     GREY,
     MODE_COLOUR,

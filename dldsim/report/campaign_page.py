@@ -21,8 +21,8 @@ import pandas as pd
 
 import dldsim
 from dldsim.analysis import uncertainty
-from dldsim.analysis.statistics import GEOMETRY, most_frequent
-from dldsim.config.campaign import settings_hash
+from dldsim.analysis.statistics import most_frequent
+from dldsim.config.provenance import settings_hash
 from dldsim.errors import DldsimError
 from dldsim.evidence import spot_check, stability_sweep
 from dldsim.evidence.accuracy import ANGLE, INDEX, SETTING
@@ -36,41 +36,13 @@ from dldsim.report import (
     validation_figures,
 )
 from dldsim.tables.parquet import atomic_path, read_table
+from dldsim.tables.registry import TABLES
+from dldsim.vocabulary import BROKEN, GEOMETRY
 
-TABLES = {
-    "outcomes": ("outcomes.parquet", "outcomes"),
-    "runs": ("runs.parquet", "runs"),
-    "trajectory": ("trajectories.parquet", "trajectories"),
-    "flows": ("flows.parquet", "flows"),
-    "constriction_runs": ("constriction_runs.parquet", "constriction_runs"),
-    "calibration": ("calibration.parquet", "calibration"),
-    "calibration_correlations": ("calibration_correlations.parquet", "calibration"),
-    "anova": ("anova.parquet", "anova"),
-    "anova_diagnostics": ("anova_diagnostics.parquet", "anova"),
-    "robustness": ("robustness.parquet", "robustness_map"),
-    "sobol": ("sobol.parquet", "sensitivity"),
-    "partial_dependence": ("partial_dependence.parquet", "sensitivity"),
-    "fabrication": ("fabrication.parquet", "sensitivity"),
-    "benchmark": ("benchmark.parquet", "benchmark"),
-    "predictions": ("predictions.parquet", "benchmark"),
-    "designs": ("designs.parquet", "designs"),
-    "design_trials": ("design_trials.parquet", "designs"),
-    "design_tolerances": ("design_tolerances.parquet", "designs"),
-    "design_importance": ("design_importance.parquet", "designs"),
-    "design_slices": ("design_slices.parquet", "designs"),
-    "verifications": ("verifications.parquet", "verifications"),
-    "verified_designs": ("verified_designs.parquet", "verifications"),
-    "learning_curve": ("learning_curve.parquet", "learning_curve"),
-    "search_regret": ("search_regret.parquet", "search_regret"),
-    "validation": ("validation.parquet", "validation"),
-    "accuracy": ("accuracy.parquet", "accuracy"),
-    "stability": ("stability.parquet", "stability"),
-    "reference_check": ("reference_check.parquet", "reference_check"),
-    "spot_check": ("spot_check.parquet", "spot_check"),
-    "convergence": ("reference/convergence.parquet", "critical_gaps"),
-}
-"""Table kind: file in the results folder, rule that makes it."""
 REQUIRED = ("outcomes", "runs")
+SHOWN = [*REQUIRED, *(kind for kind, table in TABLES.items()
+                      if table.file and kind not in (*REQUIRED, "critical_gaps"))]
+"""Kinds of table that the report reads."""
 EMBED_SVG_BELOW = 260_000
 """Bytes up to which a figure is embedded as SVG; a larger one is embedded as PNG."""
 STATUS_MEANING = {
@@ -90,7 +62,6 @@ RUN_MEANING = {
     "unstable": "the run left the safe range of the numerics",
     "failed": "the run broke off with an error",
 }
-BROKEN = ("stuck", "unstable", "failed")
 PACKAGES = ("numba", "numpy", "pandas", "statsmodels", "scikit-learn", "xgboost-cpu", "optuna",
             "snakemake")
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -207,13 +178,13 @@ class Campaign:
         """Links to the tables, and to their CSV twins where these exist."""
         links = []
         for kind in kinds:
-            path = self.results / TABLES[kind][0]
+            path = self.results / TABLES[kind].file
             links += [self.link(p) for p in (path, path.with_suffix(".csv")) if p.exists()]
         return "Data: " + ", ".join(links)
 
     def absent(self, kind: str) -> str:
         """Sentence that names the missing table and the rule that makes it."""
-        name, rule = TABLES[kind]
+        _, name, rule = TABLES[kind]
         return (
             f'<p class="absent">Not in this report: the table <code>{name}</code> does not exist '
             f"yet. Make it with <code>snakemake -j2 {rule}</code>, then run "
@@ -351,7 +322,7 @@ def _summary(campaign: Campaign) -> str:
 
 
 def _arrays(outcomes: pd.DataFrame) -> pd.DataFrame:
-    return outcomes[["pillar_radius_um", "gap_um", "periodicity"]].drop_duplicates()
+    return outcomes[GEOMETRY].drop_duplicates()
 
 
 def _status_table(campaign: Campaign) -> str:
@@ -594,8 +565,8 @@ def _row_maps(campaign: Campaign) -> str:
     """Row maps of the arrays in which an outcome comes nearest to the transition."""
     near = campaign.outcomes.dropna(subset="transition_distance")
     near = near.assign(away=near["transition_distance"].abs()).sort_values("away", kind="stable")
-    places = near[list(GEOMETRY)].drop_duplicates().head(ROW_MAPS)
-    runs = campaign.tables["runs"].merge(places, on=list(GEOMETRY))
+    places = near[GEOMETRY].drop_duplicates().head(ROW_MAPS)
+    runs = campaign.tables["runs"].merge(places, on=GEOMETRY)
     runs = runs[runs["lateral_steps_um"].map(len) > 0].drop_duplicates("outcome_id")
     if runs.empty:
         return ""
@@ -1844,7 +1815,8 @@ def make_report(results_dir: Path, output: Path, config: dict) -> None:
     """
     results_dir, output = Path(results_dir), Path(output)
     tables = {}
-    for kind, (name, rule) in TABLES.items():
+    for kind in SHOWN:
+        _, name, rule = TABLES[kind]
         path = results_dir / name
         if path.exists():
             tables[kind] = read_table(kind, path)
@@ -1855,8 +1827,8 @@ def make_report(results_dir: Path, output: Path, config: dict) -> None:
             )
     if tables["outcomes"].empty:
         raise DldsimError(
-            f"The table of outcomes {results_dir / TABLES['outcomes'][0]} has no row, so there is "
-            "nothing to report. Check the sweep in config.yaml, then run: snakemake -j2 all"
+            f"The table of outcomes {results_dir / TABLES['outcomes'].file} has no row, so there "
+            "is nothing to report. Check the sweep in config.yaml, then run: snakemake -j2 all"
         )
     campaign = Campaign(results_dir, output, config, tables)
     bodies = [(anchor, title, make(campaign)) for anchor, title, make in SECTIONS]

@@ -19,17 +19,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from dldsim.experiments.migration import DECIDED, SETTLED
-from dldsim.solver.mesh import EVANS_FUNG
+from dldsim.laws import SCATTER_OF_DAVIS, critical_diameter, pillar_centres, rest_volume
+from dldsim.vocabulary import BROKEN, DECIDED, GEOMETRY, MODES, SETTLED
 
-MODES = ("bump", "mixed", "zigzag", "none")
 MODE_COLOUR = {"bump": "#0072B2", "mixed": "#009E73", "zigzag": "#D55E00", "none": "#7F7F7F"}
 MODE_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
 SET_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 GREY = "#5F6368"
 PILLAR = "#C9CDD2"
-SCATTER_OF_LAW = 0.10
-"""Relative scatter of measured critical diameters about 1.4 G ε^0.48 (Davis's devices)."""
 LONGEST_VIEW = 14
 """Rows that a trajectory panel shows at most, unless one period is longer."""
 
@@ -91,18 +88,12 @@ def measured(table: pd.DataFrame) -> pd.DataFrame:
 
 def critical_size_ratio(row_shift_fraction):
     """Empirical critical diameter over gap, D_c/G = 1.4 ε^0.48, of rigid spheres (Davis 2008)."""
-    return 1.4 * np.asarray(row_shift_fraction, dtype=float) ** 0.48
+    return critical_diameter(1, np.asarray(row_shift_fraction, dtype=float))
 
 
 def volume_equivalent_diameter(shape: str, radius_um: float, aspect_ratio: float) -> float:
-    """Diameter [µm] of the sphere that has the volume of the cell at rest.
-
-    biconcave: Evans–Fung profile z = ±(R/2)√(1−r²)(c0 + c1 r² + c2 r⁴), integrated exactly.
-    """
-    c0, c1, c2 = EVANS_FUNG
-    biconcave = 0.75 * (2 / 3 * c0 + 4 / 15 * c1 + 16 / 105 * c2)
-    share = {"sphere": 1.0, "ellipsoid": aspect_ratio, "biconcave": biconcave}[shape]
-    return 2 * radius_um * share ** (1 / 3)
+    """Diameter [µm] of the sphere that has the volume of the cell at rest."""
+    return 2 * radius_um * rest_volume(shape, aspect_ratio) ** (1 / 3)
 
 
 def mode_points(outcomes: pd.DataFrame, aspect_ratio: float) -> pd.DataFrame:
@@ -158,20 +149,15 @@ def gap_heights(trajectory: pd.DataFrame, run) -> tuple[np.ndarray, np.ndarray]:
     return rows, (above_pillar - radius) / run["gap_um"]
 
 
-def pillar_centres(run, xlim: tuple[float, float], ylim: tuple[float, float]) -> np.ndarray:
-    """Centres [µm], shape (n, 2), of the pillars that show in the window.
-
-    Row i stands at x = iλ; its pillars at y = iελ + jλ, i and j any integer.
-    """
+def pillars_in(run, xlim: tuple[float, float], ylim: tuple[float, float]) -> np.ndarray:
+    """Centres [µm], shape (n, 2), of the pillars that show in the window."""
     pitch, radius = run["pitch_um"], run["pillar_radius_um"]
     centres = []
     for i in range(
         int(np.ceil((xlim[0] - radius) / pitch)), int(np.floor((xlim[1] + radius) / pitch)) + 1
     ):
-        shift = i * pitch * run["row_shift_fraction"]
-        low = int(np.ceil((ylim[0] - radius - shift) / pitch))
-        high = int(np.floor((ylim[1] + radius - shift) / pitch))
-        centres += [(i * pitch, shift + j * pitch) for j in range(low, high + 1)]
+        shift = pitch * run["row_shift_fraction"]
+        centres += pillar_centres(pitch, shift, i, ylim[0] - radius, ylim[1] + radius)
     return np.array(centres, dtype=float).reshape(-1, 2)
 
 
@@ -197,7 +183,7 @@ def pick_trajectories(runs: pd.DataFrame) -> list[tuple[str, list[str]]]:
     sure = alike.index[alike["settled"] & (alike["modes"] == 1)]
     widest, pair = 0.0, None
     decided = points[points["outcome_id"].isin(sure)]
-    for _, group in decided.groupby(["pillar_radius_um", "gap_um", "periodicity"]):
+    for _, group in decided.groupby(GEOMETRY):
         angle = group["migration_angle_deg"]
         if angle.max() - angle.min() > widest and group["mode"].nunique() > 1:
             widest = angle.max() - angle.min()
@@ -253,7 +239,7 @@ def trajectory_panel(
     )
     ylim = (y.min() - 0.75 * pitch, y.max() + 0.75 * pitch)
     return TrajectoryPanel(
-        title, paths, pillar_centres(first, xlim, ylim), first["pillar_radius_um"],
+        title, paths, pillars_in(first, xlim, ylim), first["pillar_radius_um"],
         first["cell_radius_um"], xlim, ylim,
     )
 
@@ -403,7 +389,7 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
             }
             total = cumulated_row_shifts(run)
             upper.plot(np.arange(len(total)), total, **style)
-            if run["status"] in ("stuck", "unstable", "failed"):
+            if run["status"] in BROKEN:
                 upper.plot(len(total) - 1, total[-1], "x", color="black")
             if run["run_id"] in tracks:
                 rows, height = gap_heights(tracks[run["run_id"]], run)
@@ -427,7 +413,7 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
     handles.append(key("black", line=":", label="full bump"))
     if (~settled(runs)).any():
         handles.append(key(GREY, line="--", label="not settled"))
-    if runs["status"].isin(["stuck", "unstable", "failed"]).any():
+    if runs["status"].isin(BROKEN).any():
         handles.append(key("black", "x", label="run broke off here"))
     legend(figure, handles, ncols=7)
     return figure
@@ -440,7 +426,7 @@ def draw_row_maps(runs: pd.DataFrame) -> Figure:
     Nearly a curve per run. Where it reaches one row shift there is a bump lane; how far it stays
     below is the distance from the transition.
     """
-    panels = list(runs.groupby(["pillar_radius_um", "gap_um", "periodicity"]))
+    panels = list(runs.groupby(GEOMETRY))
     columns = min(3, len(panels))
     lines = -(-len(panels) // columns)
     figure = Figure(figsize=(3.3 * columns, 2.7 * lines), layout="constrained")
@@ -584,7 +570,9 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     width = 0.6 * _step(periodicities)
     span = np.linspace(max(periodicities[0] - width, 1.5), periodicities[-1] + width, 200)
     law = critical_size_ratio(1 / span)
-    left.fill_between(span, (1 - SCATTER_OF_LAW) * law, (1 + SCATTER_OF_LAW) * law, color="#E8E4D8")
+    left.fill_between(
+        span, (1 - SCATTER_OF_DAVIS) * law, (1 + SCATTER_OF_DAVIS) * law, color="#E8E4D8"
+    )
     left.plot(span, law, color="black", linewidth=1.2)
     columns = points[["pillar_radius_um", "stiffness_set"]].apply(tuple, axis=1)
     order = {key: i for i, key in enumerate(ordered(columns))}
@@ -598,7 +586,7 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     left.set(xlabel=r"periodicity $N_p$, and row shift fraction $\varepsilon = 1/N_p$",
              ylabel="cell size / gap",
              ylim=(0, 1.12 * max(points["size_over_gap"].max(), law.max())))
-    right.axvspan(1 - SCATTER_OF_LAW, 1 + SCATTER_OF_LAW, color="#E8E4D8")
+    right.axvspan(1 - SCATTER_OF_DAVIS, 1 + SCATTER_OF_DAVIS, color="#E8E4D8")
     right.axvline(1, color="black", linewidth=1.2)
     right.axhline(1, color="black", linestyle=":", linewidth=1)
     right.axhline(0, color="black", linestyle=":", linewidth=1)

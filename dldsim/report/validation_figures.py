@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from dldsim.laws import SCATTER_OF_DAVIS
 from dldsim.report.figures import (
     GREY,
-    SCATTER_OF_LAW,
     critical_size_ratio,
     dot,
     key,
@@ -286,7 +286,7 @@ def draw_transition(validation: pd.DataFrame) -> Figure:
     panel = figure.subplots()
     epsilon = np.linspace(0.04, 0.26, 200)
     law = critical_size_ratio(epsilon)
-    panel.fill_between(epsilon, (1 - SCATTER_OF_LAW) * law, (1 + SCATTER_OF_LAW) * law,
+    panel.fill_between(epsilon, (1 - SCATTER_OF_DAVIS) * law, (1 + SCATTER_OF_DAVIS) * law,
                        color="#E4E6E9", linewidth=0)
     panel.plot(epsilon, law, color="black")
     bound = table[table["quantity"] == "critical diameter beside streamline bound"]

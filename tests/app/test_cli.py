@@ -11,7 +11,8 @@ import pytest
 
 from dldsim import PHYSICS_VERSION
 from dldsim.app import cli
-from dldsim.tables.parquet import COLUMNS, describe, read_rows, write_table
+from dldsim.tables.parquet import describe, read_rows, write_table
+from dldsim.tables.registry import COLUMNS
 
 ROOT = Path(__file__).parents[2]
 ARRAY = ["--pillar-radius-um", "5", "--gap-um", "20", "--periodicity", "4"]

@@ -10,9 +10,11 @@ import pytest
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
 from dldsim.app import design_jobs
-from dldsim.config.sections import DesignRequest, Device, Flow, Numerics, RunControl
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.sections import Flow, Numerics, RunControl
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, read_rows, read_table, write_table
+from dldsim.tables.parquet import read_rows, read_table, write_table
+from dldsim.tables.registry import COLUMNS
 from tests.analysis.test_surrogate import make_outcomes
 from tests.app.test_cli import call
 from tests.design.test_search import make_flows

@@ -6,8 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dldsim.config import campaign
-from dldsim.config.sections import Geometry, read_config
+from dldsim.config import campaign, identifiers
+from dldsim.config.presets import read_config
+from dldsim.config.provenance import STAMP, check_stamp, derive_seed, settings_hash
+from dldsim.config.sections import Geometry
 from dldsim.errors import DldsimError
 
 CONFIG = Path(__file__).parents[2] / "config.yaml"
@@ -24,30 +26,30 @@ places = st.integers(0, 1000).map(lambda n: n / 1000)
 
 @given(geometries, names, places)
 def test_ids_are_their_own_inverse(geometry, name, place):
-    pair = campaign.Pair(geometry, name)
-    outcome = campaign.outcome_id(pair)
-    assert campaign.parse_outcome(outcome) == pair
-    assert campaign.parse_run(campaign.run_id(outcome, place)) == (outcome, place)
-    assert campaign.parse_geometry(campaign.geometry_id(geometry)) == geometry
+    pair = identifiers.Pair(geometry, name)
+    outcome = identifiers.outcome_id(pair)
+    assert identifiers.parse_outcome(outcome) == pair
+    assert identifiers.parse_run(identifiers.run_id(outcome, place)) == (outcome, place)
+    assert identifiers.parse_geometry(identifiers.geometry_id(geometry)) == geometry
 
 
 @given(names, st.integers(0, 99), st.sampled_from(["group-velocity", "fixed-velocity"]))
 def test_constriction_id_is_its_own_inverse(group, position, design):
-    text = campaign.constriction_id(group, position, design)
-    assert campaign.parse_constriction(text) == (group, position, design)
+    text = identifiers.constriction_id(group, position, design)
+    assert identifiers.parse_constriction(text) == (group, position, design)
 
 
 def test_ids_look_as_documented():
-    pair = campaign.Pair(Geometry(pillar_radius_um=6, gap_um=18, periodicity=8), "3")
-    assert campaign.outcome_id(pair) == "r06.0_g18.0_n08_s3"
-    assert campaign.run_id("r06.0_g18.0_n08_s3", 0.5) == "r06.0_g18.0_n08_s3_y0.50"
-    assert campaign.run_id("r06.0_g18.0_n08_s3", 0.125) == "r06.0_g18.0_n08_s3_y0.125"
+    pair = identifiers.Pair(Geometry(pillar_radius_um=6, gap_um=18, periodicity=8), "3")
+    assert identifiers.outcome_id(pair) == "r06.0_g18.0_n08_s3"
+    assert identifiers.run_id("r06.0_g18.0_n08_s3", 0.5) == "r06.0_g18.0_n08_s3_y0.50"
+    assert identifiers.run_id("r06.0_g18.0_n08_s3", 0.125) == "r06.0_g18.0_n08_s3_y0.125"
 
 
 @given(st.lists(st.integers(1, 999).map(lambda n: n / 10), min_size=2, max_size=9))
 def test_ids_sort_like_numbers(radii):
     def text(radius):
-        return campaign.geometry_id(Geometry(pillar_radius_um=radius, gap_um=20, periodicity=4))
+        return identifiers.geometry_id(Geometry(pillar_radius_um=radius, gap_um=20, periodicity=4))
 
     assert [text(r) for r in sorted(radii)] == sorted(text(r) for r in radii)
 
@@ -57,33 +59,33 @@ def test_ids_sort_like_numbers(radii):
 )
 def test_other_texts_are_no_ids(text):
     with pytest.raises(DldsimError, match="identifier"):
-        campaign.parse_outcome(text)
+        identifiers.parse_outcome(text)
     with pytest.raises(DldsimError, match="identifier"):
-        campaign.parse_run(f"{text}_y0.50")
+        identifiers.parse_run(f"{text}_y0.50")
 
 
 @pytest.mark.parametrize("place", ["", "_y", "_y0.5", "_y0.500", "_y1.50", "_y0.1234", "_y-0.50"])
 def test_other_places_are_no_run_ids(place):
     with pytest.raises(DldsimError, match="identifier"):
-        campaign.parse_run(f"r06.0_g18.0_n08_s3{place}")
+        identifiers.parse_run(f"r06.0_g18.0_n08_s3{place}")
 
 
 def test_id_refuses_what_it_cannot_carry():
     with pytest.raises(DldsimError, match="three decimals"):
-        campaign.geometry_id(Geometry(pillar_radius_um=6.0001, gap_um=18, periodicity=8))
+        identifiers.geometry_id(Geometry(pillar_radius_um=6.0001, gap_um=18, periodicity=8))
     geometry = Geometry(pillar_radius_um=6, gap_um=18, periodicity=8)
     with pytest.raises(DldsimError, match="letters, digits"):
-        campaign.outcome_id(campaign.Pair(geometry, "a/b"))
+        identifiers.outcome_id(identifiers.Pair(geometry, "a/b"))
     for place in (0.1234, -0.1, 1.01):
         with pytest.raises(DldsimError, match="three decimals"):
-            campaign.run_id("r06.0_g18.0_n08_s3", place)
+            identifiers.run_id("r06.0_g18.0_n08_s3", place)
 
 
 @pytest.mark.parametrize(("preset", "count"), [("quick", 81), ("paper", 180), ("full", 1050)])
 def test_presets_have_the_promised_outcomes(preset, count):
     config = read_config(CONFIG, {"preset": preset})
     pairs = campaign.outcomes(config)
-    assert len(pairs) == count == len({campaign.outcome_id(pair) for pair in pairs})
+    assert len(pairs) == count == len({identifiers.outcome_id(pair) for pair in pairs})
     assert all(
         pair.geometry.gap_um > pair.geometry.pillar_radius_um + config.sweep.safety_distance_um
         for pair in pairs
@@ -105,14 +107,14 @@ def test_constrictions_count_groups_and_positions():
 
 
 def test_seeds_differ_by_name_and_repeat():
-    seeds = {campaign.derive_seed(seed, name) for seed in range(4) for name in "abc"}
+    seeds = {derive_seed(seed, name) for seed in range(4) for name in "abc"}
     assert len(seeds) == 12
-    assert campaign.derive_seed(1, "a") == campaign.derive_seed(1, "a") < 2**31
+    assert derive_seed(1, "a") == derive_seed(1, "a") < 2**31
 
 
 def test_settings_hash_ignores_order_only():
-    assert campaign.settings_hash({"a": 1, "b": 2}) == campaign.settings_hash({"b": 2, "a": 1})
-    assert campaign.settings_hash({"a": 1}) != campaign.settings_hash({"a": 2})
+    assert settings_hash({"a": 1, "b": 2}) == settings_hash({"b": 2, "a": 1})
+    assert settings_hash({"a": 1}) != settings_hash({"a": 2})
 
 
 def test_crashes_are_counted(tmp_path):
@@ -123,14 +125,14 @@ def test_crashes_are_counted(tmp_path):
 
 
 def test_stamp_of_other_physics_is_refused(tmp_path):
-    campaign.check_stamp(tmp_path)
-    stamp = tmp_path / campaign.STAMP
+    check_stamp(tmp_path)
+    stamp = tmp_path / STAMP
     stamp.write_text('{"dldsim_version": "0.0.1", "physics_version": -1}')
     with pytest.raises(DldsimError, match="--forceall"):
-        campaign.check_stamp(tmp_path)
+        check_stamp(tmp_path)
     stamp.write_text("{")
     with pytest.raises(DldsimError, match="damaged"):
-        campaign.check_stamp(tmp_path)
+        check_stamp(tmp_path)
 
 
 def test_closing_sentence_names_what_is_broken_or_open(tmp_path):

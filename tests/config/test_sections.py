@@ -6,19 +6,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from dldsim.config.sections import (
-    Cell,
-    DesignRequest,
-    Geometry,
-    check_gap,
-    check_passable,
-    json_schema,
-    merge,
-    read_config,
-    resolve,
-    smallest_passable_um,
-    validate,
-)
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.explain import validate
+from dldsim.config.feasibility import check_gap, check_passable, smallest_passable_um
+from dldsim.config.presets import merge, read_config, resolve
+from dldsim.config.schema import json_schema
+from dldsim.config.sections import Cell, Geometry
 from dldsim.errors import DldsimError
 
 ROOT = Path(__file__).parents[2]

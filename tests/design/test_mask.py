@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from dldsim.config.sections import Device, Geometry
+from dldsim.config.design_sections import Device
+from dldsim.config.sections import Geometry
 from dldsim.design.mask import Population, draw_mask, make_layout, write_dxf, write_gds
 from dldsim.errors import DldsimError
 

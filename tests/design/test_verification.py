@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dldsim.config.design_sections import Verification as Budget
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
-from dldsim.config.sections import Verification as Budget
 from dldsim.design.verification import (
     Population,
     Scene,
@@ -22,7 +22,8 @@ from dldsim.design.verification import (
 from dldsim.errors import DldsimError
 from dldsim.experiments import array_run
 from dldsim.experiments.migration import mode_of
-from dldsim.tables.parquet import COLUMNS, write_table
+from dldsim.tables.parquet import write_table
+from dldsim.tables.registry import COLUMNS
 from tests.design.test_search import CHIP, Known, ask
 from tests.experiments.test_vtk import SOFT
 

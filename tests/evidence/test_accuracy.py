@@ -6,12 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim.config.sections import Accuracy, read_config
+from dldsim.config.presets import read_config
+from dldsim.config.study_sections import Accuracy
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
 from dldsim.evidence.accuracy import DEFAULT, LONG, REFERENCE, SETTING, Variant
 from dldsim.report import accuracy_figures, figures
-from dldsim.tables.parquet import COLUMNS, write_table
+from dldsim.tables.parquet import write_table
+from dldsim.tables.registry import COLUMNS
 
 ONE = "r05.0_g20.0_n04_s1"
 BUMP = math.degrees(math.atan(1 / 4))

@@ -15,7 +15,8 @@ from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.solver.flow import array_of, solve_empty_array
 from dldsim.solver.time_loop import Sample
 from dldsim.solver.time_step import refined
-from dldsim.tables.parquet import COLUMNS, read_rows, write_table
+from dldsim.tables.parquet import read_rows, write_table
+from dldsim.tables.registry import COLUMNS
 
 SET_1 = Stiffness(
     ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,

@@ -8,7 +8,8 @@ from dldsim.errors import DldsimError
 from dldsim.experiments import constriction
 from dldsim.experiments.constriction import make_channel, simulate_constriction
 from dldsim.solver.flow import Fluid
-from dldsim.tables.parquet import COLUMNS, write_table
+from dldsim.tables.parquet import write_table
+from dldsim.tables.registry import COLUMNS
 
 GROUP = ConstrictionGroup(
     velocity_mm_s=1.0,

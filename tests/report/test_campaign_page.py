@@ -11,7 +11,8 @@ import pytest
 from dldsim.analysis.calibration import calibrate, correlations
 from dldsim.errors import DldsimError
 from dldsim.report import analysis_figures, campaign_page, figures
-from dldsim.tables.parquet import COLUMNS, write_csv, write_table
+from dldsim.tables.parquet import write_csv, write_table
+from dldsim.tables.registry import COLUMNS, TABLES
 from tests.report.design_tables import make_design_tables
 
 PROVENANCE = {"config_hash": "0123abcd", "seed": 7}
@@ -261,7 +262,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
     ])  # fmt: skip
     tables |= accuracy_tables() | {"stability": stability_table()}
     for kind, table in tables.items():
-        path = folder / campaign_page.TABLES[kind][0]
+        path = folder / TABLES[kind].file
         write_table(kind, table, path, PROVENANCE)
         if kind != "trajectory":
             write_csv(kind, path)
@@ -461,7 +462,7 @@ def test_every_link_leads_somewhere(campaign):
     assert all(f'id="{anchor}"' in page.raw for anchor in inside)
     assert all((page.path.parent / link).exists() for link in files)
     linked = {link for link in files if link.endswith(".parquet")}
-    assert linked == {name for name, _ in campaign_page.TABLES.values()}
+    assert linked == {TABLES[kind].file for kind in campaign_page.SHOWN}
 
 
 def test_each_figure_is_saved_as_png_and_svg(campaign):
@@ -548,15 +549,6 @@ def test_outcomes_and_runs_are_required(tmp_path):
     assert not (tmp_path / "report.html").exists()
 
 
-def test_rules_named_for_missing_tables_make_them():
-    rules = {}
-    for path in (Path(__file__).parents[2] / "workflow" / "rules").glob("*.smk"):
-        _, *blocks = re.split(r"^rule (\w+):", path.read_text(), flags=re.M)
-        rules |= dict(zip(blocks[::2], blocks[1::2], strict=True))
-    for name, rule in campaign_page.TABLES.values():
-        assert f"/{name}" in rules[rule].split("output:")[1]
-
-
 @pytest.mark.parametrize(
     ("value", "digits", "shown"),
     [(0.0, 3, "0"), (1234567, 3, "1 234 567"), (0.98765, 3, "0.988"), (9.996, 3, "10.0"),
@@ -629,7 +621,7 @@ def test_gap_height_is_constant_when_the_cell_follows_the_rows():
 
 def test_pillars_stand_on_the_shifted_lattice():
     run = {"pitch_um": 30.0, "row_shift_fraction": 0.2, "pillar_radius_um": 5.0}
-    centres = figures.pillar_centres(run, (-1.0, 61.0), (0.0, 40.0))
+    centres = figures.pillars_in(run, (-1.0, 61.0), (0.0, 40.0))
     rows = np.round(centres[:, 0] / 30.0)
     lanes = (centres[:, 1] - 6.0 * rows) / 30.0
     assert centres[:, 0] == pytest.approx(30.0 * rows) and lanes == pytest.approx(np.round(lanes))

@@ -9,10 +9,11 @@ import pytest
 from dldsim.config.sections import Flow, Geometry, Numerics
 from dldsim.errors import DldsimError
 from dldsim.evidence.reference import read_reference
+from dldsim.laws import viscosity
 from dldsim.solver.flow import EmptyFlow, Fluid, advance_to_steady, array_of, solve_empty_array
-from dldsim.solver.lattice import make_lattice, viscosity
+from dldsim.solver.lattice import make_lattice
 from dldsim.solver.pillars import make_array, make_pillars
-from dldsim.tables.parquet import COLUMNS
+from dldsim.tables.registry import COLUMNS
 
 IN_2D = Flow(height_um=0)
 DEFAULT = Numerics()

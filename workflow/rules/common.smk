@@ -9,9 +9,11 @@ from snakemake.exceptions import WorkflowError
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
-from dldsim.config import campaign
+from dldsim.config import campaign, identifiers
+from dldsim.config.provenance import check_stamp, write_stamp
 from dldsim.evidence import accuracy, reference_study, spot_check
-from dldsim.config.sections import CELL_NUMERICS, resolve
+from dldsim.config.presets import resolve
+from dldsim.config.sections import CELL_NUMERICS
 from dldsim.errors import DldsimError
 from dldsim.evidence.stability_sweep import FAMILIES
 from dldsim.evidence.validation import CASES
@@ -22,9 +24,9 @@ CRASHES = f"{RESULTS}/crashes"
 try:
     CONFIG = resolve(config, overrides=workflow.config_settings.config)
     if workflow.is_main_process and not {"--forceall", "-F"} & set(sys.argv):
-        campaign.check_stamp(Path(RESULTS))
-    GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
-    OUTCOMES = [campaign.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
+        check_stamp(Path(RESULTS))
+    GEOMETRIES = [identifiers.geometry_id(g) for g in campaign.geometries(CONFIG)]
+    OUTCOMES = [identifiers.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
     PAIRS = reference_study.pairs(CONFIG)
     SEARCHES = [reference_study.search_id(s) for s in reference_study.searches(CONFIG)]
@@ -37,9 +39,9 @@ REQUESTS = [request.name for request in CONFIG.design_requests]
 
 
 wildcard_constraints:
-    geometry=campaign.GEOMETRY_PATTERN,
-    outcome=campaign.OUTCOME_PATTERN,
-    constriction=campaign.CONSTRICTION_PATTERN,
+    geometry=identifiers.GEOMETRY_PATTERN,
+    outcome=identifiers.OUTCOME_PATTERN,
+    constriction=identifiers.CONSTRICTION_PATTERN,
     variant=r"[A-Za-z0-9._-]+--[a-z_]+--\d+--\d+",
     case=r"[a-z-]+",
     request=r"[A-Za-z0-9-]+",
@@ -66,7 +68,7 @@ def flow_settings(wildcards):
 
 
 def outcome_settings(wildcards):
-    stiffness = CONFIG.stiffness_sets[campaign.parse_outcome(wildcards.outcome).stiffness_set]
+    stiffness = CONFIG.stiffness_sets[identifiers.parse_outcome(wildcards.outcome).stiffness_set]
     return {
         **settings_of("cell", "flow", "numerics", "run_control"),
         "stiffness": stiffness.model_dump(mode="json"),
@@ -134,11 +136,11 @@ def spot_check_releases(wildcards):
 
 
 def constriction_settings(wildcards):
-    name, position, design = campaign.parse_constriction(wildcards.constriction)
+    name, position, design = identifiers.parse_constriction(wildcards.constriction)
     channel = CONFIG.constriction.model_dump(mode="json")
     positions, velocity = (channel.pop(k) for k in ("release_positions_um", "fixed_velocity_mm_s"))
     group = CONFIG.constriction_groups[name].model_dump(mode="json")
-    if design == campaign.FIXED_VELOCITY:
+    if design == identifiers.FIXED_VELOCITY:
         group |= {"velocity_mm_s": velocity, "stiffness_set": None}
     return {
         "group": group,
@@ -179,7 +181,7 @@ def made(path):
 
 
 def flow_of_outcome(wildcards):
-    geometry = campaign.geometry_id(campaign.parse_outcome(wildcards.outcome).geometry)
+    geometry = identifiers.geometry_id(identifiers.parse_outcome(wildcards.outcome).geometry)
     return {
         "flow": f"{RESULTS}/flow/{geometry}.npz",
         "flow_row": f"{RESULTS}/flow/{geometry}.flow.parquet",

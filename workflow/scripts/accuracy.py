@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from dldsim.app.jobs import gather_accuracy, job_log
-from dldsim.config.sections import Config
+from dldsim.config.configuration import Config
 
 with job_log(snakemake.log[0]):
     gather_accuracy(

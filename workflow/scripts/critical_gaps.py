@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dldsim.app.jobs import job_log
 from dldsim.app.reference_jobs import gather_gaps
-from dldsim.config.sections import Config
+from dldsim.config.configuration import Config
 
 with job_log(snakemake.log[0]):
     gather_gaps(

@@ -1,7 +1,7 @@
 """One family of the stability sweep: its points out."""
 
 from dldsim.app.jobs import job_log, provenance
-from dldsim.config.sections import Config
+from dldsim.config.configuration import Config
 from dldsim.evidence.stability_sweep import run_family
 from dldsim.tables.parquet import write_table
 

@@ -22,8 +22,9 @@ from dldsim.app.web.api import models
 from dldsim.app.web.api.app import PREFIX, make_app
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import ATTEMPTS_MAX, SEARCH, VERIFICATION, Busy, Store
-from dldsim.config.sections import DesignRequest
-from dldsim.tables.parquet import COLUMNS, read_table, write_csv, write_table
+from dldsim.config.design_sections import DesignRequest
+from dldsim.tables.parquet import read_table, write_csv, write_table
+from dldsim.tables.registry import COLUMNS
 from tests.app.test_design_jobs import (
     campaign,  # noqa: F401
     filled,

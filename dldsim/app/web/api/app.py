@@ -37,11 +37,13 @@ from dldsim.app.web.api.models import UUID
 from dldsim.app.web.api.pool import Pool
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Busy, Job, Store
-from dldsim.config import sections
+from dldsim.config.explain import allowed_at
+from dldsim.config.sections import Stiffness
 from dldsim.design import search
 from dldsim.design.verification import conditions, make_populations
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
+from dldsim.vocabulary import GEOMETRY
 
 PREFIX = "/api/v1"
 MEDIA = {"json": "application/json", "csv": "text/csv; charset=utf-8",
@@ -191,7 +193,7 @@ class Service:
             raise DldsimError("verify = true: this campaign came without a calibration, which the "
                               "moduli of the cells are read from. Upload it with the outcomes.")
         conditions(known.tables["outcomes"], design_jobs.scene_of(known.settings))
-        sets = {name: sections.Stiffness(**v)
+        sets = {name: Stiffness(**v)
                 for name, v in known.settings["stiffness_sets"].items()}
         for i in (1, 2):
             name = getattr(spec, f"stiffness_set_{i}")
@@ -282,7 +284,7 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
             if details["type"] == "extra_forbidden":
                 allowed = "no such field; known: " + ", ".join(model.model_fields)
             elif path:
-                allowed = sections._allowed(model, path, details)
+                allowed = allowed_at(model, path, details)
                 most = models.LARGEST.get(path[0])
                 if most is not None and "up to" not in allowed:
                     allowed += f", up to {most:g}"
@@ -530,7 +532,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             named = table[(table["stiffness_set"] != "") & table["deformation_index"].notna()]
             sets = [models.CalibratedSet(**row) for row in table_rows("calibration", named[
                 ["stiffness_set", "deformation_index", "deformation_index_std"]])]
-        columns = ["pillar_radius_um", "gap_um", "periodicity"]
+        columns = GEOMETRY
         used = outcomes.dropna(subset=["migration_angle_deg", "deformation_index"])
         limits = {k: v for k, v in service.settings.model_dump().items()
                   if isinstance(v, int | float) and k.endswith(("_max", "_bytes", "_s"))}

@@ -25,9 +25,10 @@ from dldsim.app.design_jobs import MEASURED
 from dldsim.app.web.api.models import Provenance
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
-from dldsim.config.campaign import derive_seed
+from dldsim.config.provenance import derive_seed
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, METADATA_KEY, describe, read_table, schema, write_table
+from dldsim.tables.parquet import METADATA_KEY, describe, read_table, write_table
+from dldsim.tables.registry import COLUMNS, schema
 
 FILES = ("outcomes.parquet", "calibration.parquet", "flows.parquet", "surrogate.json",
          "surrogate_card.json")  # fmt: skip

@@ -7,7 +7,11 @@ from typing import Any
 
 from pydantic import Field
 
-from dldsim.config.sections import Device, Section, Sweep, Verification, read_config, validate
+from dldsim.config.configuration import Sweep
+from dldsim.config.design_sections import Device, Verification
+from dldsim.config.explain import validate
+from dldsim.config.presets import read_config
+from dldsim.config.sections import Section
 
 PREFIX = "DLDSIM_WEB_"
 
