@@ -57,8 +57,22 @@ def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | Non
     names = [n for n in (request.stiffness_set_1, request.stiffness_set_2) if n is not None]
     index, spread = {}, {}
     if names:
+        keys = [f"stiffness_set_{i}" for i in "12" if getattr(request, f"stiffness_set_{i}")]
         if calibration is None:
-            raise DldsimError(f"design request {request.name}: stiffness sets need a calibration.")
+            raise DldsimError(
+                f"design request {request.name}: stiffness sets need a calibration.", key=keys,
+                value=names, allowed="deformation_index_1 and deformation_index_2",
+                remedy="Name the cell types by these, or add the table calibration.",
+            )  # fmt: skip
+        known = sorted({str(n) for n in calibration["stiffness_set"].dropna() if n})
+        for key in keys:
+            if (name := getattr(request, key)) not in known:
+                raise DldsimError(
+                    f"{key}: no constriction group calibrates stiffness set {name} (calibrated: "
+                    f"{', '.join(known) or 'none'}).", key=key, value=name,
+                    allowed=", ".join(known), remedy="Name a calibrated one, or add a group with "
+                    "that stiffness_set to constriction_groups.",
+                )  # fmt: skip
         joined = join_deformation_index(pd.DataFrame({"stiffness_set": names}), calibration)
         for name, mean, std in joined[
             ["stiffness_set", "deformation_index", "deformation_index_std"]].to_numpy():
@@ -259,20 +273,23 @@ def with_measurements(
     for name, value in conditions_.items():
         known = outcomes[name].unique()
         if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
+            allowed = ", ".join(f"{v:g}" for v in known)
             raise DldsimError(
-                f"Measurements: {name} = {value:g}, the outcomes have "
-                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: measure "
-                "there, or simulate a campaign at this value."
-            )
+                f"Measurements: {name} = {value:g}, the outcomes have {allowed}. The surrogate "
+                "knows no other.", key=name, value=value, allowed=allowed,
+                remedy="Measure there, or simulate a campaign at this value.",
+            )  # fmt: skip
     rows = []
     for i, given in enumerate(measurements, start=1):
         bump = float(np.degrees(np.arctan(1 / given["periodicity"])))
         angle = given["migration_angle_deg"]
         if not -bump / 2 <= angle <= 1.5 * bump:
+            allowed = f"{-bump / 2:.3g} to {1.5 * bump:.3g}"
             raise DldsimError(
                 f"Measurement {i}: migration_angle_deg = {angle:g} with periodicity "
-                f"{given['periodicity']}: allowed {-bump / 2:.3g} to {1.5 * bump:.3g}. Full bump "
-                f"motion has {bump:.3g}°; look at the sign, the unit and the row shift."
+                f"{given['periodicity']}: allowed {allowed}. Full bump motion has {bump:.3g}°.",
+                key=f"measurements.{i - 1}.migration_angle_deg", value=angle, allowed=allowed,
+                remedy="Look at the sign, the unit and the row shift.",
             )
         rows.append({
             **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 Each = Callable[[Mapping[str, Any]], None]
 """Told of every trial of a search as soon as it is done; what it raises ends the search."""
+CELL_TYPES = tuple(f"{key}_{i}" for i in "12" for key in ("deformation_index", "stiffness_set")
+                   ) + ("radius_1_um", "radius_2_um")  # fmt: skip
+"""Settings that name the two cell types."""
 TOLERANCE_STEPS = 5
 """Values of P_r and of P_g across the tolerance, ends and middle included."""
 SMALLEST_DIRECTION = 1e-4
@@ -320,8 +323,11 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int,
     if feasible.empty:
         raise DldsimError(
             f"design request {request.name}: none of {len(trials)} trials is feasible "
-            f"({', '.join(sorted(set(trials['reason'])))}). Widen gap_um upwards or "
-            "pillar_radius_um downwards, or raise trials."
+            f"({', '.join(sorted(set(trials['reason'])))}).",
+            key=("gap_um", "pillar_radius_um", "trials"),
+            value=(request.gap_um, request.pillar_radius_um, request.trials),
+            allowed="bounds and trials that meet a feasible geometry",
+            remedy="Widen gap_um upwards or pillar_radius_um downwards, or raise trials.",
         )
     designs = _designs(task, feasible)
     return Found(
@@ -510,17 +516,19 @@ def check(task: Task) -> None:
     name = f"design request {request.name}"
     for i, (index, _) in enumerate(task.cells, start=1):
         if index is None or not low <= index <= high:
+            key, allowed = f"deformation_index_{i}", f"{low:.4g} to {high:.4g}"
             raise DldsimError(
-                f"{name}: deformation_index_{i} = {index} is outside the training data of the "
-                f"surrogate, {low:.4g} to {high:.4g}. Choose one inside, or simulate stiffness "
-                "sets beyond it."
-            )
+                f"{name}: {key} = {index} is outside the training data of the surrogate, "
+                f"{allowed}.", key=key, value=index, allowed=allowed,
+                remedy="Choose one inside, or simulate stiffness sets beyond it.",
+            )  # fmt: skip
     if task.cells[0] == task.cells[1]:
         index, radius = task.cells[0]
         raise DldsimError(
             f"{name}: both cell types have deformation index {index:g} and radius {radius:g} µm; "
-            "no array separates equals. Change one of them."
-        )
+            "no array separates equals.", key=CELL_TYPES, value=index,
+            allowed="different cell types", remedy="Change one of them.",
+        )  # fmt: skip
     # the widest gap beside the thinnest pillar that is not too slender meets every constraint if
     # anything does
     slender = chip.flow.height_um / (2 * request.pillar_aspect_ratio_max)
@@ -532,15 +540,18 @@ def check(task: Task) -> None:
         texts = "; ".join(f"{text} (by {value:.3g})" for text, value in broken.items())
         raise DldsimError(
             f"{name}: no geometry within the bounds is feasible. Even at pillar_radius_um = "
-            f"{thinnest:g} and gap_um = {widest:g}: {texts}. Raise the upper bound of gap_um or "
-            "widen the bounds of pillar_radius_um."
+            f"{thinnest:g} and gap_um = {widest:g}: {texts}.",
+            key=("gap_um", "pillar_radius_um"), value=(request.gap_um, request.pillar_radius_um),
+            allowed="bounds that hold a feasible geometry",
+            remedy="Raise the upper bound of gap_um or widen the bounds of pillar_radius_um.",
         )
     if request.pressure_max_kPa is not None and chip.resistance is None:
         raise DldsimError(
             f"{name}: pressure_max_kPa needs the flows without a cell of the campaign "
-            "(flows.parquet) to know the pressure drop. Make them with `snakemake -j2 flows`, or "
-            "leave the limit out."
-        )
+            "(flows.parquet) to know the pressure drop.", key="pressure_max_kPa",
+            value=request.pressure_max_kPa, allowed="none, without these flows",
+            remedy="Make them with `snakemake -j2 flows`, or leave the limit out.",
+        )  # fmt: skip
 
 
 def _designs(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:

@@ -7,6 +7,7 @@ until they agree or the budget is spent.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,6 +54,24 @@ SIGMAS = 2
 """Numerical uncertainties that a simulated separation must exceed to count as one."""
 
 
+class Stop(StrEnum):
+    """What ended the rounds of a request."""
+
+    ROUNDS = "rounds"
+    KNOWN = "known"
+    BUDGET = "budget"
+    CONFIRMED = "confirmed"
+
+    def sentence(self, number: int, budget: Budget) -> str:
+        """The same in words, for the round of this number."""
+        return {
+            Stop.ROUNDS: f"{budget.rounds} rounds done",
+            Stop.KNOWN: f"round {number}: the best candidates have been simulated before",
+            Stop.BUDGET: f"round {number}: budget of {budget.outcomes_max} outcomes spent",
+            Stop.CONFIRMED: f"round {number}: predictions confirmed",
+        }[self]
+
+
 class Population(NamedTuple):
     """One cell type as it is simulated; ``basis`` says where its moduli come from."""
 
@@ -84,8 +103,9 @@ def make_populations(
         if named is not None:
             stiffness, basis = sets[named], f"stiffness set {named}"
         else:
-            inverse = stiffness_for(index, calibration)
-            stiffness = stiffness_at(inverse["ks_uN_per_m"], sets, f"deformation_index_{i}")
+            key = f"deformation_index_{i}"
+            inverse = stiffness_for(index, calibration, key=key)
+            stiffness = stiffness_at(inverse["ks_uN_per_m"], sets, key)
             basis = (f"inverse of the calibration, k_s {inverse['ks_uN_per_m']:.3g} µN/m between "
                      + " and ".join(inverse["between"]))
         found.append(Population(
@@ -102,8 +122,10 @@ def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) ->
     if not ks[0] <= ks_uN_per_m <= ks[-1]:
         raise DldsimError(
             f"{key}: its stiffness k_s = {ks_uN_per_m:.4g} µN/m is outside the stiffness sets, "
-            f"{ks[0]:g} to {ks[-1]:g} µN/m. Choose a deformation index between theirs."
-        )
+            f"{ks[0]:g} to {ks[-1]:g} µN/m.", key=key, value=ks_uN_per_m,
+            allowed=f"k_s of {ks[0]:g} to {ks[-1]:g} µN/m",
+            remedy="Choose a deformation index between theirs.",
+        )  # fmt: skip
     return Stiffness(**{
         name: float(np.interp(ks_uN_per_m, ks, [getattr(s, name) for _, s in curve]))
         for name in Stiffness.model_fields
@@ -288,7 +310,7 @@ def verify(
     pairs: dict[int, dict] = {}
     rows: dict[str, dict] = {}
     learnt = surrogate
-    stopped = f"{budget.rounds} rounds done"
+    stop, number = Stop.ROUNDS, budget.rounds
     spent = 0
     candidates = pd.DataFrame()
     for number in range(1, budget.rounds + 1):
@@ -298,14 +320,14 @@ def verify(
         tried = [pair["place"] for pair in pairs.values()]
         new = [c for c in best if all(distinct(request, c, t) for t in tried)]
         if not new:
-            stopped = f"round {number}: the best candidates have been simulated before"
+            stop = Stop.KNOWN
             break
         known = pd.concat([outcomes[GEOMETRY], pd.DataFrame(tried, columns=GEOMETRY)])
         near = transition_geometries(task, known, budget.transition_geometries)
         agreements, before = [], len(rows)
         for role, place in [*(("design", c) for c in new), *(("transition", g) for g in near)]:
             if spent + 2 > budget.outcomes_max:
-                stopped = f"round {number}: budget of {budget.outcomes_max} outcomes spent"
+                stop = Stop.BUDGET
                 break
             array = len(pairs) + 1
             geometry = Geometry(**{name: place[name] for name in GEOMETRY})
@@ -323,14 +345,14 @@ def verify(
                 agreements.append(_settles(compared[2]))
         if len(rows) > before:
             learnt = fit(_with(outcomes, rows), derive_seed(seed, f"fit {number}"))
-        if stopped.startswith("round"):
+        if stop is Stop.BUDGET:
             break
         if agreements and all(agreements):
-            stopped = f"round {number}: predictions confirmed"
+            stop = Stop.CONFIRMED
             break
     task = Task(learnt, request, chip, seed)
     records += _finer_runs(task, pairs, populations, simulate, budget.finer_designs, say)
-    designs = _verified(task, pairs, resistance, stopped)
+    designs = _verified(task, pairs, resistance, stop, stop.sentence(number, budget))
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
         heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
         records += heights
@@ -447,7 +469,9 @@ def _note(row: Mapping[str, Any]) -> str:
     return "" if row["status"] == "decided" else row["stop_reason"]
 
 
-def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -> pd.DataFrame:
+def _verified(
+    task: Task, pairs: Mapping[int, dict], resistance, stop: Stop, stopped: str
+) -> pd.DataFrame:
     """The simulated designs, best first; columns of `verified_designs`."""
     request, chip = task.request, task.chip
     rows = []
@@ -491,7 +515,7 @@ def _verified(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -
             "finer_spacing_um": finer and finer[0]["spacing_um"],
             "finer_lag_number": finer and max(r["lag_number"] or 0.0 for r in finer),
             "verdict": _design_verdict(difference, pair["rows"], finer, separates),
-            "stopped": stopped,
+            "stop": stop.value, "stopped": stopped,
             "separation_low_height_deg": None, "separation_high_height_deg": None,
         })  # fmt: skip
     names = TABLES["verified_designs"].names
@@ -725,8 +749,9 @@ def conditions(outcomes: pd.DataFrame, scene: Scene) -> None:
             raise DldsimError(f"The table of outcomes lacks the column {name}.")
         other = sorted(set(outcomes[name]) - {value})
         if other:
+            made = ", ".join(map(str, other))
             raise DldsimError(
-                f"The outcomes were made with {name} = {', '.join(map(str, other))}, the "
-                f"configuration has {value}. A design holds only for what was simulated: give the "
-                "configuration of that campaign with --config."
-            )
+                f"The outcomes were made with {name} = {made}, the configuration has {value}. A "
+                "design holds only for what was simulated.", key=name, value=value, allowed=made,
+                remedy="Give the configuration of that campaign with --config.",
+            )  # fmt: skip

@@ -161,7 +161,8 @@ TABLES = {
         flag("agrees", "whether prediction and simulation agree; null: not comparable", True),
         flag("separates", "beyond 2 σ_num from all releases, at two settings; null: open", True),
         text("verdict", "the same in words"),
-        text("stopped", "why the rounds of the request ended"),
+        text("stop", "what ended the rounds of the request: rounds, known, budget or confirmed"),
+        text("stopped", "the same in words"),
     ),
     "search_regret": table(
         "search_regret.parquet",

@@ -88,7 +88,7 @@ def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
     best = verdicts.designs.iloc[0]
     assert best["separation_finer_deg"] == pytest.approx(best["separation_deg"])
     assert pd.isna(verdicts.designs["separates"].iloc[1])  # only the best was confirmed
-    assert best["stopped"] == "round 1: predictions confirmed"
+    assert (best["stop"], best["stopped"]) == ("confirmed", "round 1: predictions confirmed")
     assert best["separates"] and "separates by" in best["verdict"]
     assert "prediction confirmed" in best["verdict"]
     at_setting = verdicts.verifications.query("role == 'design'")
@@ -127,6 +127,7 @@ def test_candidates_simulated_before_end_the_rounds():
     request = ask(sampler="grid", grid_steps=5)
     verdicts = check(Known(summit), Nature(flat), request=request, designs_per_round=1, rounds=3)
     assert len(differences(verdicts)) == 1
+    assert verdicts.designs["stop"].iloc[0] == "known"
     assert "have been simulated before" in verdicts.designs["stopped"].iloc[0]
 
 
@@ -135,6 +136,7 @@ def test_budget_is_never_exceeded():
     verdicts = check(Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5,
                     height_runs=True)
     assert len(nature.asked) == 4
+    assert verdicts.designs["stop"].iloc[0] == "budget"
     assert verdicts.designs["stopped"].iloc[0] == "round 1: budget of 5 outcomes spent"
 
 
@@ -144,6 +146,7 @@ def test_a_wide_interval_confirms_nothing_and_the_rounds_go_on():
     table = differences(verdicts)
     assert table["agrees"].tolist() == [True, True]
     assert table["verdict"].str.contains("left the order open").all()
+    assert verdicts.designs["stop"].iloc[0] == "rounds"
     assert verdicts.designs["stopped"].iloc[0] == "2 rounds done"
 
 

@@ -188,19 +188,24 @@ def test_bad_fields_are_told(client, change, field, parts):
 
 
 @pytest.mark.parametrize(
-    ("change", "parts"),
+    ("change", "parts", "fields"),
     [
-        ({"stiffness_set_2": "1"}, ["both cell types", "no array separates equals"]),
-        ({"gap_um": [5, 6]}, ["no geometry within the bounds is feasible", "gap_um"]),
-        ({"stiffness_set_1": None, "deformation_index_1": 0.2}, ["0.2", "0.5 to 0.78"]),
-        ({"stiffness_set_1": "9"}, ["no constriction group", "9"]),
+        ({"stiffness_set_2": "1"}, ["both cell types", "no array separates equals"],
+         ["stiffness_set_1", "stiffness_set_2", "radius_1_um", "radius_2_um"]),
+        ({"gap_um": [5, 6]}, ["no geometry within the bounds is feasible", "gap_um"],
+         ["gap_um", "pillar_radius_um"]),
+        ({"stiffness_set_1": None, "deformation_index_1": 0.2}, ["0.2", "0.5 to 0.78"],
+         ["deformation_index_1"]),
+        ({"stiffness_set_1": "9"}, ["no constriction group", "9"], ["stiffness_set_1"]),
     ],
 )  # fmt: skip
-def test_what_physics_forbids_is_explained(client, change, parts):
+def test_what_physics_forbids_is_explained(client, change, parts, fields):
     answer = client.post(f"{PREFIX}/designs", json=ASK | change)
     problem = answer.json()
     assert (answer.status_code, problem["error"]) == (422, "infeasible")
     assert all(part in problem["message"] for part in parts), problem["message"]
+    assert [f["field"] for f in problem["fields"]] == fields
+    assert problem["fields"][0]["value"] not in ("", "None")
 
 
 @pytest.mark.parametrize("body", [b"", b"{", b"[1]", b"nan", b"\xff\xfe", b"{\"trials\": NaN}",

@@ -184,22 +184,27 @@ class Service:
             if spec.verify:
                 self._check_verification(spec, resolved, known)
         except DldsimError as error:
-            raise _infeasible(spec, str(error)) from error
+            raise _infeasible(spec, error) from error
 
     def _check_verification(self, spec, resolved, known) -> None:
         if self.settings.verify_workers == 0:
-            raise DldsimError("verify = true: this service does not simulate. Leave it out.")
+            raise DldsimError("verify = true: this service does not simulate.", key="verify",
+                              value=True, allowed="false", remedy="Leave it out.")
         if "calibration" not in known.tables:
             raise DldsimError("verify = true: this campaign came without a calibration, which the "
-                              "moduli of the cells are read from. Upload it with the outcomes.")
+                              "moduli of the cells are read from.", key="verify", value=True,
+                              allowed="false", remedy="Upload it with the outcomes.")
         conditions(known.tables["outcomes"], design_jobs.scene_of(known.settings))
         sets = {name: Stiffness(**v)
                 for name, v in known.settings["stiffness_sets"].items()}
         for i in (1, 2):
             name = getattr(spec, f"stiffness_set_{i}")
             if name is not None and name not in sets:
-                raise DldsimError(f"verify = true: stiffness_set_{i} = {name:.64} has no run in "
-                                  f"this campaign (with outcomes: {', '.join(sets)}).")
+                raise DldsimError(
+                    f"verify = true: stiffness_set_{i} = {name:.64} has no run in this campaign "
+                    f"(with outcomes: {', '.join(sets)}).", key=(f"stiffness_set_{i}", "verify"),
+                    value=name, allowed=", ".join(sets),
+                )  # fmt: skip
         make_populations(spec.request, resolved, known.tables["calibration"], sets)
 
     def status(self, job: Job) -> str:
@@ -262,12 +267,19 @@ def _field(spec: BaseModel, name: str, allowed: str) -> Refused:
     return Refused(422, "invalid", message + ".", [problem])
 
 
-def _infeasible(spec: BaseModel, message: str) -> Refused:
-    """A request that cannot be met, with the fields that the message names."""
+def _infeasible(spec: BaseModel, error: DldsimError) -> Refused:
+    """A request that cannot be met, with the fields that are at fault."""
     given = spec.model_dump()
-    named = [models.FieldProblem(field=n, value=_shown(v), message=message)
-             for n, v in given.items() if n in message and len(n) > 4]
-    return Refused(422, "infeasible", message, named)
+    named = []
+    for fault in error.faults:
+        for key in fault.keys:
+            value, *inner = given.get(key.partition(".")[0]), *key.split(".")[1:]
+            for part in inner:
+                value = value[int(part) if part.isdigit() else part]
+            if value is not None:
+                named.append(models.FieldProblem(field=key, value=_shown(value),
+                                                 message=str(fault)))
+    return Refused(422, "infeasible", str(error), named)
 
 
 def _invalid(request: Request, error: RequestValidationError) -> Response:
@@ -461,7 +473,7 @@ def _add_designs(app: FastAPI, service: Service) -> None:
         finally:
             service.waited_for -= 1
         if job.state != "done":
-            raise _infeasible(spec, job.error or f"design {job.id} was {job.state}.")
+            raise Refused(422, "infeasible", job.error or f"design {job.id} was {job.state}.")
         found = json.loads(store.result(job.id, job.kind))
         result, best = found["result"], found["result"]["designs"][0]
         answer = models.OptimizeAnswer(
@@ -510,7 +522,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             found = stiffness_for(spec.deformation_index, calibration_of(source), spec.error,
                                   spec.design)
         except DldsimError as error:
-            raise _infeasible(spec, str(error)) from error
+            raise _infeasible(spec, error) from error
         return models.StiffnessAnswer(**found, deformation_index=spec.deformation_index,
                                       error=spec.error, provenance=source.provenance)
 
@@ -639,14 +651,14 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         """Bring the tables of a campaign; a surrogate is fitted to them."""
         if not service.uploads.acquire(blocking=False):
             raise service.busy(SEARCH, "Two uploads are being read already.")
+        given = {"outcomes": outcomes, "calibration": calibration, "flows": flows}
+        parts = {}
         try:
-            parts = {kind: read_upload(kind, file.file.read(), settings.upload_rows_max)
-                     for kind, file in (("outcomes", outcomes), ("calibration", calibration),
-                                        ("flows", flows)) if file is not None}
+            for field, file in given.items():
+                if file is not None:
+                    parts[field] = read_upload(field, file.file.read(), settings.upload_rows_max)
         except DldsimError as error:
             message = _ascii(str(error))
-            others = (k for k in ("calibration", "flows") if f"table {k}" in message)
-            field = next(others, "outcomes")
             raise Refused(422, "invalid", message, [
                 models.FieldProblem(field=field, value="", message=message)]) from error
         finally:
@@ -673,7 +685,7 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         try:
             table = design_jobs.with_measurements(simulated, **given)
         except DldsimError as error:
-            raise _infeasible(spec, str(error)) from error
+            raise _infeasible(spec, error) from error
         parts["measurements"] = json.dumps(given).encode()
         return accept(_ascii(spec.name), "measurements", len(table), parts)
 
