@@ -53,3 +53,23 @@ def pillar_centres(
     shift = row * row_shift
     first, last = math.ceil((low - shift) / pitch), math.floor((high - shift) / pitch)
     return [(row * pitch, shift + lane * pitch) for lane in range(first, last + 1)]
+
+
+COARSER_ALLOWED = 1.1
+"""The lattice spacing may exceed the wanted one by this factor to make the row shift whole."""
+
+
+def whole_shift_spacing(geometry, spacing_um: float) -> tuple[float, int]:
+    """Spacing [µm] that makes the row shift λ/N_p a whole number of nodes, and that number.
+
+    `geometry` has `pitch_um` and `periodicity`.
+    """
+    shift_um = geometry.pitch_um / geometry.periodicity
+    nodes = max(1, math.ceil(shift_um / (COARSER_ALLOWED * spacing_um) - 1e-9))
+    return shift_um / nodes, nodes
+
+
+def even_throat(throat_um: float, spacing_um: float) -> tuple[float, int]:
+    """Spacing [µm] that divides a throat into an even number of nodes, and that number."""
+    nodes = 2 * math.ceil(throat_um / spacing_um / 2)
+    return throat_um / nodes, nodes

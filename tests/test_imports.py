@@ -42,7 +42,7 @@ LIGHT = {
     "dldsim.laws",
     *(f"dldsim.config.{name}" for name in (
         "sections", "design_sections", "study_sections", "configuration", "presets", "explain",
-        "feasibility", "schema", "identifiers", "provenance", "campaign",
+        "feasibility", "limits", "yaml_files", "schema", "identifiers", "provenance", "campaign",
     )),
     "dldsim.analysis.uncertainty",
     "dldsim.evidence.accuracy",

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.config.configuration import Config, Sweep
+from dldsim.config import limits
+from dldsim.config.configuration import Partial, Sweep
 from dldsim.config.design_sections import DesignRequest, Device, Verification
-from dldsim.config.explain import validate
+from dldsim.config.explain import check_value, validate
 from dldsim.config.feasibility import check_gap, check_passable
-from dldsim.config.presets import read_config
+from dldsim.config.presets import read_partial
 from dldsim.config.sections import (
     Cell,
     Constriction,
@@ -59,6 +60,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     args = _parser().parse_args(argv)
     try:
+        for model, key in ((Partial, "seed"), (Sweep, "safety_distance_um")):
+            if getattr(args, key, None) is not None:
+                check_value(model, key, getattr(args, key))
         summary, lines, *code = args.command(args)
     except DldsimError as error:
         sys.stderr.write(f"dldsim {args.name}: {error}\n")
@@ -126,7 +130,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     return summary, _listing(summary)
 
 
-def _control(config: Config | None, args: argparse.Namespace) -> RunControl:
+def _control(config: Partial | None, args: argparse.Namespace) -> RunControl:
     """`run_control` with the command line over it; places of release are those of --releases."""
     base = config.run_control.model_dump() if config else {}
     for given, option, with_releases in (
@@ -324,15 +328,17 @@ def serve(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
 
 # ------------------------------------------------------------------------------------------- input
 
-def _campaign(path: Path | None) -> Config | None:
+def _campaign(path: Path | None) -> Partial | None:
     """The configuration file, by default ./config.yaml; None if there is none."""
     if path is None and not DEFAULT_CONFIG.exists():
         return None
-    return read_config(path or DEFAULT_CONFIG)
+    config = read_partial(path or DEFAULT_CONFIG)
+    limits.enforce(config.limits)
+    return config
 
 
-def _safety_distance(config: Config | None) -> float:
-    if config is None:
+def _safety_distance(config: Partial | None) -> float:
+    if config is None or config.sweep is None:
         return Sweep.model_fields["safety_distance_um"].default
     return config.sweep.safety_distance_um
 
@@ -343,7 +349,7 @@ def _given(model: type[Section], args: argparse.Namespace) -> dict:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _section(model: type[Section], config: Config | None, args: argparse.Namespace) -> Any:
+def _section(model: type[Section], config: Partial | None, args: argparse.Namespace) -> Any:
     """A section of the configuration with the command line over it."""
     base = {}
     if config is not None:
@@ -355,7 +361,7 @@ NOT_IN_CHANNEL = ("spacing_um", "bounce_back", "rows", "lanes")
 """Numerics of arrays; the channel has a spacing of its own."""
 
 
-def _channel_numerics(config: Config, args: argparse.Namespace) -> Numerics:
+def _channel_numerics(config: Partial, args: argparse.Namespace) -> Numerics:
     given = {k: v for k, v in _given(Numerics, args).items() if k not in NOT_IN_CHANNEL}
     return validate(Numerics, config.numerics.model_dump() | given)
 
@@ -364,7 +370,7 @@ def _geometry(args: argparse.Namespace) -> Geometry:
     return validate(Geometry, _given(Geometry, args))
 
 
-def _named(config: Config | None, section: str, name: str, option: str) -> Any:
+def _named(config: Partial | None, section: str, name: str, option: str) -> Any:
     """An entry of a section by name."""
     if config is None:
         raise DldsimError(
@@ -372,6 +378,11 @@ def _named(config: Config | None, section: str, name: str, option: str) -> Any:
             "config.yaml here. Name one with --config FILE."
         )
     entries = getattr(config, section)
+    if not entries:
+        raise DldsimError(
+            f"{option} {name}: the configuration has no {section}.", key=section,
+            allowed="entries by name", remedy="Add them, or name another file with --config FILE.",
+        )  # fmt: skip
     if name not in entries:
         close = difflib.get_close_matches(name, entries, n=1)
         hint = f" Did you mean {close[0]}?" if close else ""
@@ -381,7 +392,7 @@ def _named(config: Config | None, section: str, name: str, option: str) -> Any:
     return entries[name]
 
 
-def _constriction_group(config: Config | None, args: argparse.Namespace
+def _constriction_group(config: Partial | None, args: argparse.Namespace
                         ) -> tuple[str, ConstrictionGroup]:
     if args.group is not None:
         name = args.group

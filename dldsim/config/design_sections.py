@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from dldsim.config.sections import Fraction, Name, Section
+from dldsim.config.sections import Fraction, Name, Periodicity, Section, Unfit
 from dldsim.errors import DldsimError
 
 
@@ -21,15 +21,17 @@ class Device(Section):
     inlet_length_mm: float = Field(1.0, gt=0, le=50, description="straight channel before it")
     outlet_length_mm: float = Field(1.0, gt=0, le=50, description="straight channel after it")
     sample_position_mm: float = Field(
-        0.4, gt=0, description="middle of the sample stream above the lower side wall"
+        0.4, gt=0, le=100, description="middle of the sample stream above the lower side wall"
     )
-    sample_width_um: float = Field(60.0, gt=0, description="width of the sample stream")
-    divider_um: float = Field(30.0, gt=0, description="thickness of walls between streams")
+    sample_width_um: float = Field(60.0, gt=0, le=1e5, description="width of the sample stream")
+    divider_um: float = Field(30.0, gt=0, le=1e5, description="thickness of walls between streams")
     port_diameter_mm: float = Field(1.0, gt=0, le=10, description="diameter of the reservoirs")
     wall_gap_fraction: float = Field(
         0.5, gt=0, le=1, description="least gap between a pillar and a side wall / P_g"
     )
-    alignment_mark_um: float = Field(200.0, gt=0, description="size of the alignment crosses")
+    alignment_mark_um: float = Field(
+        200.0, gt=0, le=1e5, description="size of the alignment crosses"
+    )
     facet_tolerance_um: float = Field(
         0.01, gt=0, le=1, description="largest distance between circle and polygon in GDSII"
     )
@@ -46,17 +48,18 @@ class Device(Section):
         half = self.sample_width_um / 2 + self.divider_um
         middle, width = 1e3 * self.sample_position_mm, 1e3 * self.array_width_mm
         if not half < middle < width - half:
-            raise ValueError(
+            raise Unfit(
                 f"sample_position_mm between {half / 1e3:g} and {(width - half) / 1e3:g}: the "
-                "sample stream and its two dividers lie inside the channel"
-            )
+                "sample stream and its two dividers lie inside the channel",
+                "sample_position_mm", "sample_width_um", "divider_um", "array_width_mm",
+            )  # fmt: skip
         layers = [value for key, value in self if key.startswith("layer_")]
         if len(set(layers)) < len(layers):
             raise ValueError("every layer_… another number")
         return self
 
 
-Bounds = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+Bounds = tuple[Annotated[float, Field(gt=0, le=1000)], Annotated[float, Field(gt=0, le=1000)]]
 
 
 class DesignRequest(Section):
@@ -69,19 +72,19 @@ class DesignRequest(Section):
     name: Name = Field(description="letters, digits and hyphens")
     deformation_index_1: Fraction | None = Field(None, description="of the first cell type")
     deformation_index_2: Fraction | None = Field(None, description="of the second cell type")
-    deformation_index_std_1: Annotated[float, Field(ge=0)] | None = Field(
+    deformation_index_std_1: Annotated[float, Field(ge=0, le=1)] | None = Field(
         None, description="spread among cells of the first type; default: the calibration's, or 0"
     )
-    deformation_index_std_2: Annotated[float, Field(ge=0)] | None = Field(
+    deformation_index_std_2: Annotated[float, Field(ge=0, le=1)] | None = Field(
         None, description="spread among cells of the second type; default: the calibration's, or 0"
     )
     stiffness_set_1: str | None = Field(None, description="instead of deformation_index_1")
     stiffness_set_2: str | None = Field(None, description="instead of deformation_index_2")
-    radius_1_um: float = Field(7.5, gt=0, description="radius of the first cell type")
-    radius_2_um: float = Field(7.5, gt=0, description="radius of the second cell type")
+    radius_1_um: float = Field(7.5, ge=0.1, le=1000, description="radius of the first cell type")
+    radius_2_um: float = Field(7.5, ge=0.1, le=1000, description="radius of the second cell type")
     pillar_radius_um: Bounds = Field((4.0, 12.0), description="lowest and highest pillar radius")
     gap_um: Bounds = Field((12.0, 22.0), description="lowest and highest gap")
-    periodicity: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(le=100)]] = Field(
+    periodicity: tuple[Periodicity, Periodicity] = Field(
         (4, 12), description="lowest and highest periodicity"
     )
     objective: Literal["separation", "robust"] = Field(
@@ -92,22 +95,31 @@ class DesignRequest(Section):
     sampler: Literal["tpe", "grid"] = Field(
         "tpe", description="Parzen estimator with so many trials, or every point of a grid"
     )
-    trials: int = Field(100, ge=1, description="trials of the search, 50 to 200 are typical")
-    startup_trials: int = Field(20, ge=1, description="random trials before the model guides")
+    trials: int = Field(
+        100, ge=1, le=10_000, description="trials of the search, 50 to 200 are typical"
+    )
+    startup_trials: int = Field(
+        20, ge=1, le=10_000, description="random trials before the model guides"
+    )
     grid_steps: int = Field(17, ge=2, le=65, description="values of P_r and of P_g in the grid")
     draws: int = Field(64, ge=8, le=4096, description="Monte Carlo draws of the robust objective")
-    candidates: int = Field(5, ge=1, description="candidates to report")
-    tolerance_um: float = Field(0.5, ge=0, description="± on P_r and P_g in the tolerance analysis")
+    candidates: int = Field(5, ge=1, le=100, description="candidates to report")
+    tolerance_um: float = Field(
+        0.5, ge=0, le=100, description="± on P_r and P_g in the tolerance analysis"
+    )
     height_tolerance_um: float = Field(
-        1.0, ge=0, description="± on the channel height, which only a simulation can judge"
+        1.0, ge=0, le=100, description="± on the channel height, which only a simulation can judge"
     )
     pillar_aspect_ratio_max: float = Field(
-        5.0, gt=0, description="largest height / diameter of a pillar that can be made"
+        5.0, gt=0, le=1000, description="largest height / diameter of a pillar that can be made"
     )
     lateral_separation_um: float = Field(
-        100.0, gt=0, description="distance of the two cell types wanted at the end of the array"
+        100.0,
+        gt=0,
+        le=1e5,
+        description="distance of the two cell types wanted at the end of the array",
     )
-    pressure_max_kPa: Annotated[float, Field(gt=0)] | None = Field(
+    pressure_max_kPa: Annotated[float, Field(gt=0, le=1e9)] | None = Field(
         None, description="largest pressure drop over the length which that takes; none: no limit"
     )
 
@@ -123,7 +135,8 @@ class DesignRequest(Section):
         for i in "12":
             given = [getattr(self, f"{key}_{i}") for key in ("deformation_index", "stiffness_set")]
             if sum(v is not None for v in given) != 1:
-                raise ValueError(f"exactly one of deformation_index_{i} and stiffness_set_{i}")
+                both = f"deformation_index_{i}", f"stiffness_set_{i}"
+                raise Unfit(f"exactly one of {both[0]} and {both[1]}", *both)
         return self
 
     def with_deformation_indices(
@@ -142,11 +155,13 @@ class DesignRequest(Section):
             if name is None:
                 continue
             if by_set.get(name) is None:
+                calibrated = ", ".join(sorted(by_set)) or "none"
                 raise DldsimError(
                     f"design request {self.name}: stiffness_set_{i} = {name} has no calibrated "
-                    f"deformation index (calibrated: {', '.join(sorted(by_set)) or 'none'}). "
-                    f"Add a constriction group for it, or give deformation_index_{i}."
-                )
+                    f"deformation index (calibrated: {calibrated}).", key=f"stiffness_set_{i}",
+                    value=name, allowed=calibrated, remedy="Add a constriction group for it, or "
+                    f"give deformation_index_{i}.",
+                )  # fmt: skip
             update |= {f"deformation_index_{i}": by_set[name], f"stiffness_set_{i}": None}
         return self.model_copy(update=update)
 
@@ -155,11 +170,14 @@ class Verification(Section):
     """How designs are checked by simulation, for each design request."""
 
     rounds: int = Field(
-        2, ge=0, description="rounds of search, simulation and refit at most; 0: no verification"
+        2,
+        ge=0,
+        le=100,
+        description="rounds of search, simulation and refit at most; 0: no verification",
     )
-    designs_per_round: int = Field(2, ge=1, description="new designs simulated in a round")
+    designs_per_round: int = Field(2, ge=1, le=100, description="new designs simulated in a round")
     transition_geometries: int = Field(
-        1, ge=0, description="arrays simulated in a round where the predicted mode changes"
+        1, ge=0, le=100, description="arrays simulated in a round where the predicted mode changes"
     )
     height_runs: bool = Field(
         True, description="simulate the best design at ± height_tolerance_um too"
@@ -167,19 +185,26 @@ class Verification(Section):
     finer_designs: int = Field(
         1,
         ge=0,
+        le=100,
         description="designs that separate, best first, simulated once more on the next "
         "finer lattice at half the numerical Reynolds number; no other counts as separating",
     )
-    exports: int = Field(1, ge=0, description="best verified designs whose files are written")
-    outcomes_max: int = Field(20, ge=2, description="outcomes at most, two for each array")
+    exports: int = Field(
+        1, ge=0, le=100, description="best verified designs whose files are written"
+    )
+    outcomes_max: int = Field(
+        20, ge=2, le=10_000, description="outcomes at most, two for each array"
+    )
 
 
 class Fabrication(Section):
     """Fabrication errors whose consequences are asked of the surrogate."""
 
-    radius_errors_um: list[Annotated[float, Field(gt=0)]] = Field(
+    radius_errors_um: list[Annotated[float, Field(gt=0, le=100)]] = Field(
         [0.25, 0.5, 1.0],
         min_length=1,
         description="standard deviations of the pillar radius at the pitch of the mask",
     )
-    moved_deg: float = Field(0.5, gt=0, description="change of an angle that counts as moved")
+    moved_deg: float = Field(
+        0.5, gt=0, le=90, description="change of an angle that counts as moved"
+    )

@@ -1,26 +1,36 @@
 """Problems of a configuration in words: key, value, and what is allowed there."""
 
 import difflib
+import types
 import typing
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ValidationError, create_model
 
+from dldsim.config.sections import Section, Unfit
 from dldsim.errors import DldsimError
 
 
 def validate(model: type[BaseModel], values: Mapping) -> Any:
-    """An instance of a section, or a DldsimError in three lines per problem."""
+    """An instance of a section, or a DldsimError in three lines per problem; its `faults` have key,
+    value and what is allowed."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        problems = [_problem(model, details) for details in error.errors()]
+        faults = [fault_of(model, details) for details in error.errors()]
     raise DldsimError(
-        "The configuration cannot be used:\n"
-        + "\n".join(problems)
-        + "\nCorrect it in config.yaml or on the command line."
-    )
+        "The configuration cannot be used:\n" + "\n".join(map(str, faults))
+        + "\nCorrect it in config.yaml or on the command line.",
+        key=[key for fault in faults for key in fault.keys], faults=faults,
+    )  # fmt: skip
+
+
+def check_value(model: type[BaseModel], key: str, value: Any) -> Any:
+    """A value for one field of a section alone. Raises DldsimError as `validate` does."""
+    field = model.model_fields[key]
+    alone = create_model(model.__name__, __base__=Section, **{key: (field.annotation, field)})
+    return getattr(validate(alone, {key: value}), key)
 
 
 def did_you_mean(word: object, known: typing.Iterable) -> str:
@@ -28,23 +38,30 @@ def did_you_mean(word: object, known: typing.Iterable) -> str:
     return f" Did you mean {close[0]}?" if close else ""
 
 
-def _problem(model: type[BaseModel], details: Mapping) -> str:
-    """Key path, value, and what is allowed there, one line each."""
-    loc, kind, value = details["loc"], details["type"], details["input"]
-    path = ".".join(str(part) for part in loc) or "(whole configuration)"
-    if kind == "extra_forbidden":
-        siblings = _model_at(model, loc[:-1]).model_fields
-        value = "unknown key" + (f" (= {value!r})" if not isinstance(value, dict | list) else "")
-        allowed = f"{', '.join(siblings)}.{did_you_mean(loc[-1], siblings)}"
+def fault_of(model: type[BaseModel], details: Mapping) -> DldsimError:
+    """One of pydantic's problems as an error of key path, value, and what is allowed there."""
+    loc, kind, value = tuple(details["loc"]), details["type"], details["input"]
+    if loc and loc[-1] == "[key]":  # the name of an entry
+        loc = loc[:-1]
+    path = ".".join(str(part) for part in loc)
+    inner = getattr(details.get("ctx", {}).get("error"), "keys", ())
+    keys = [f"{path}.{key}" if path else key for key in inner] or [path]
+    shown = "" if isinstance(value, dict | BaseModel) else repr(value)
+    allowed = allowed_at(model, loc, details)
+    if kind in ("extra_forbidden", "invalid_key"):
+        shown = "unknown key" + (f" (= {value!r})" if not isinstance(value, dict | list) else "")
     elif kind == "missing":
-        value, allowed = "missing", allowed_at(model, loc, details)
-    else:
-        value = "" if isinstance(value, dict | BaseModel) else repr(value)
-        allowed = allowed_at(model, loc, details)
-        if kind == "literal_error":
-            allowed += did_you_mean(details["input"], _choices(_annotation_at(model, loc)))
-    lines = [f"  key      {path}", f"  value    {value}" if value else "", f"  allowed  {allowed}"]
-    return "\n".join(line for line in lines if line)
+        shown = "missing"
+    elif kind == "literal_error":
+        allowed += did_you_mean(value, _choices(_annotation_at(model, loc)))
+    lines = [
+        f"  key      {path or '(whole configuration)'}",
+        f"  value    {shown}" if shown else "",
+        f"  allowed  {allowed}",
+    ]
+    return DldsimError(
+        "\n".join(line for line in lines if line), key=keys, value=value, allowed=allowed
+    )
 
 
 def _field_at(model: type[BaseModel], loc: tuple) -> tuple[Any, Any]:
@@ -86,30 +103,61 @@ def _choices(annotation: Any) -> tuple:
     return typing.get_args(annotation) if typing.get_origin(annotation) is Literal else ()
 
 
+NAMES = {int: "whole number", float: "number", str: "text", bool: "true or false"}
+SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+
+
 def allowed_at(model: type[BaseModel], loc: tuple, details: Mapping) -> str:
     """Kind, range or choices, and meaning of the value at a key path."""
+    kind, context = details["type"], details.get("ctx", {})
+    if kind in ("extra_forbidden", "invalid_key"):
+        siblings = _model_at(model, loc[:-1]).model_fields
+        return f"{', '.join(siblings)}.{did_you_mean(loc[-1], siblings)}"
     annotation, field = _field_at(model, loc)
-    if details["type"] == "value_error":
-        return str(details["ctx"]["error"])
-    limits = list(field.metadata) if field and isinstance(loc[-1], str) else []
+    own = isinstance(context.get("error"), ValueError)
+    if own and isinstance(context["error"], Unfit):
+        return str(context["error"])
+    text = _described(
+        annotation, list(field.metadata) if field and isinstance(loc[-1], str) else []
+    )
+    if own:
+        text = f"{text}, {context['error']}" if isinstance(loc[-1], str) and text else str(
+            context["error"])  # fmt: skip
+    elif kind == "too_short":
+        text = f"at least {context['min_length']} of"
+    elif kind == "too_long":
+        text = f"at most {context['max_length']} of"
+    elif kind == "string_pattern_mismatch":
+        text = f"text like {context['pattern']}"
+    text = text or details["msg"]
+    return f"{text} ({field.description})" if field and field.description else text
+
+
+def _described(annotation: Any, limits: list) -> str:
+    """What a value of this type is, in plain words."""
     while typing.get_origin(annotation) is Annotated:
         annotation, *extra = typing.get_args(annotation)
         limits += [m for e in extra for m in (getattr(e, "metadata", None) or [e])]
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return f"a section with some of the keys {', '.join(annotation.model_fields)}"
+    origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
     if choices := _choices(annotation):
         text = "one of " + ", ".join(map(str, choices))
+    elif origin is list:
+        text = f"a list, each entry {_described(inner[0], []) or 'a value'}"
+    elif origin is tuple:
+        text = f"a list of {len(inner)}, each entry {_described(inner[0], [])}"
+    elif origin is dict:
+        text = f"names, each with {_described(inner[1], []) or 'a value'}"
+    elif origin in (typing.Union, types.UnionType):
+        parts = [_described(part, []) for part in inner if part is not type(None)]
+        text = " or ".join(dict.fromkeys(filter(None, parts)))
     else:
-        names = {int: "whole number", float: "number", str: "text", bool: "true or false"}
-        text = names.get(annotation, "")
-    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+        text = NAMES.get(annotation, "")
     ranges = [
         f"{sign} {getattr(m, key)}"
         for m in limits
-        for key, sign in signs.items()
-        if getattr(m, key, None) is not None
+        for key, sign in SIGNS.items()
+        if isinstance(getattr(m, key, None), int | float)
     ]
-    text = " ".join(filter(None, [text, " and ".join(ranges)])) or details["msg"]
-    if details["type"] == "too_short":
-        text = f"at least {details['ctx']['min_length']} of"
-    elif details["type"] == "string_pattern_mismatch":
-        text = f"text like {details['ctx']['pattern']}"
-    return f"{text} ({field.description})" if field and field.description else text
+    return " ".join(filter(None, [text, " and ".join(ranges)]))

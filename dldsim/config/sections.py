@@ -4,7 +4,8 @@ Lengths are in µm, velocities in mm/s, viscosity in mPa·s, surface moduli in �
 """
 
 import math
-from typing import Annotated, Literal
+import typing
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -12,23 +13,56 @@ from pydantic import (
     ConfigDict,
     Field,
     StringConstraints,
+    ValidationInfo,
     field_validator,
 )
 
 
+class Unfit(ValueError):
+    """Settings that are valid alone and not together, with the keys of those that are at fault."""
+
+    def __init__(self, text: str, *keys: str):
+        super().__init__(text)
+        self.keys = keys
+
+
 class Section(BaseModel):
-    """Base of all sections: immutable, and an unknown key is an error."""
+    """Base of all sections: immutable, an unknown key is an error, and true is no number."""
 
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, coerce_numbers_to_str=True
     )
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _true_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        if _holds_flag(value) and bool not in _parts(cls.model_fields[info.field_name].annotation):
+            raise ValueError("no true or false")
+        return value
+
+
+def _holds_flag(value: Any) -> bool:
+    return isinstance(value, bool) or (
+        isinstance(value, list | tuple) and any(_holds_flag(entry) for entry in value)
+    )
+
+
+def _parts(annotation: Any) -> set:
+    """All types that an annotation is made of."""
+    inner = typing.get_args(annotation)
+    if typing.get_origin(annotation) is typing.Literal:
+        return {type(choice) for choice in inner}
+    return {annotation}.union(*(_parts(part) for part in inner)) if inner else {annotation}
+
+
+Periodicity = Annotated[int, Field(ge=2, le=100)]
+
 
 class Geometry(Section):
     """One array of round pillars on a row-shifted lattice."""
 
-    pillar_radius_um: float = Field(gt=0, description="pillar radius P_r")
-    gap_um: float = Field(gt=0, description="gap P_g between neighbouring pillar surfaces")
+    pillar_radius_um: float = Field(gt=0, le=1000, description="pillar radius P_r")
+    gap_um: float = Field(gt=0, le=1000, description="gap P_g between neighbouring pillar surfaces")
     periodicity: int = Field(ge=2, le=100, description="rows N_p after which the array repeats")
 
     @property
@@ -45,12 +79,12 @@ class Geometry(Section):
 class Stiffness(Section):
     """Elastic and viscous coefficients of one membrane; a zero removes its term."""
 
-    ks_uN_per_m: float = Field(ge=0, description="edge spring constant k_s")
-    kb_pN_um: float = Field(ge=0, description="dihedral bending constant k_b, an energy")
-    kal_uN_per_m: float = Field(ge=0, description="local area constant k_α")
-    kag_uN_per_m: float = Field(ge=0, description="global area constant k_ag")
-    kv_Pa: float = Field(ge=0, description="volume constant k_v, a pressure")
-    kvisc_nN_s_per_m: float = Field(ge=0, description="Kelvin–Voigt edge dashpot k_visc")
+    ks_uN_per_m: float = Field(ge=0, le=1e6, description="edge spring constant k_s")
+    kb_pN_um: float = Field(ge=0, le=1e6, description="dihedral bending constant k_b, an energy")
+    kal_uN_per_m: float = Field(ge=0, le=1e6, description="local area constant k_α")
+    kag_uN_per_m: float = Field(ge=0, le=1e8, description="global area constant k_ag")
+    kv_Pa: float = Field(ge=0, le=1e10, description="volume constant k_v, a pressure")
+    kvisc_nN_s_per_m: float = Field(ge=0, le=1e6, description="Kelvin–Voigt edge dashpot k_visc")
 
 
 class CellShape(Section):
@@ -59,9 +93,9 @@ class CellShape(Section):
     shape: Literal["biconcave", "sphere", "ellipsoid"] = Field(
         "biconcave", description="rest shape; biconcave is the Evans–Fung profile"
     )
-    radius_um: float = Field(7.5, gt=0, description="largest radius of the rest shape")
+    radius_um: float = Field(7.5, ge=0.1, le=1000, description="largest radius of the rest shape")
     aspect_ratio: float = Field(
-        0.6, gt=0, le=1, description="ellipsoid only: half axis along the symmetry axis / radius"
+        0.6, ge=0.05, le=1, description="ellipsoid only: half axis along the symmetry axis / radius"
     )
     axis: Literal["x", "y", "z"] = Field(
         "y", description="direction of the symmetry axis at release (x along the flow, z height)"
@@ -82,9 +116,15 @@ class Cell(CellShape):
 class Flow(Section):
     """The carrying liquid and what drives it."""
 
-    mean_velocity_mm_s: float = Field(0.5, gt=0, description="mean velocity over the unit cell, x")
-    viscosity_mPa_s: float = Field(1.5, gt=0, description="dynamic viscosity, inside and outside")
-    height_um: float = Field(20.0, ge=0, description="channel height; 0 is the 2D limit (no walls)")
+    mean_velocity_mm_s: float = Field(
+        0.5, ge=1e-5, le=1000, description="mean velocity over the unit cell, x"
+    )
+    viscosity_mPa_s: float = Field(
+        1.5, ge=0.01, le=1e6, description="dynamic viscosity, inside and outside"
+    )
+    height_um: float = Field(
+        20.0, ge=0, le=1000, description="channel height; 0 is the 2D limit (no walls)"
+    )
     drive: Literal["no-lateral-flux", "axial"] = Field(
         "no-lateral-flux",
         description="body force direction: mean flow along x, or force along x",
@@ -94,12 +134,13 @@ class Flow(Section):
 class Numerics(Section):
     """How the equations are solved."""
 
-    spacing_um: float = Field(1.25, gt=0, description="largest lattice spacing wanted")
-    velocity_lu: float = Field(0.025, gt=0, le=0.1, description="mean velocity in lattice units")
-    relaxation_time: float = Field(3.0, gt=0.5, le=3, description="τ of the shear stress")
+    spacing_um: float = Field(1.25, ge=0.01, le=100, description="largest lattice spacing wanted")
+    velocity_lu: float = Field(0.025, ge=1e-6, le=0.1, description="mean velocity in lattice units")
+    relaxation_time: float = Field(3.0, ge=0.501, le=3, description="τ of the shear stress")
     reynolds_max: float = Field(
         0.15,
-        gt=0,
+        ge=1e-6,
+        le=100,
         description="largest numerical Reynolds number U 2R/ν, the fluid's lag behind the cell; "
         "time_step automatic keeps it",
     )
@@ -114,8 +155,8 @@ class Numerics(Section):
     half_scene: bool = Field(
         True, description="compute half of the height between plates and mirror the rest"
     )
-    rows: int = Field(2, ge=1, description="pillar rows in the domain (1 … N_p)")
-    lanes: int = Field(1, ge=1, description="pillars per row in the domain")
+    rows: int = Field(2, ge=1, le=100, description="pillar rows in the domain (1 … N_p)")
+    lanes: int = Field(1, ge=1, le=20, description="pillars per row in the domain")
     coupling: Literal["no-slip", "dissipative"] = Field(
         "no-slip", description="how membrane and fluid are tied"
     )
@@ -130,9 +171,14 @@ class Numerics(Section):
         1.0, ge=0.3, le=2, description="mean membrane edge / lattice spacing wanted"
     )
     friction_nN_s_per_m: float = Field(
-        1.56, gt=0, description="dissipative coupling only: γ per vertex of the reference mesh"
+        1.56,
+        ge=1e-4,
+        le=1e4,
+        description="dissipative coupling only: γ per vertex of the reference mesh",
     )
-    contact_range_um: float = Field(0.5, ge=0, description="reach r_c of the contact repulsion")
+    contact_range_um: float = Field(
+        0.5, ge=0, le=100, description="reach r_c of the contact repulsion"
+    )
 
 
 def thousandths(value: float) -> float:
@@ -148,8 +194,12 @@ Place = Annotated[float, Field(ge=0, le=1), AfterValidator(thousandths)]
 class RunControl(Section):
     """Where runs begin, when they record and when they stop."""
 
-    max_rows: int = Field(50, ge=2, description="most rows that a cell is followed from a release")
-    min_rows: int = Field(0, ge=0, description="least rows that a cell is followed, settled or not")
+    max_rows: int = Field(
+        50, ge=2, le=10_000, description="most rows that a cell is followed from a release"
+    )
+    min_rows: int = Field(
+        0, ge=0, le=10_000, description="least rows that a cell is followed, settled or not"
+    )
     orbit_tolerance: float = Field(
         0.03,
         gt=0,
@@ -158,7 +208,10 @@ class RunControl(Section):
         "repeats",
     )
     still_rows: int = Field(
-        8, ge=2, description="rows that a cell rests in the bump lane until it counts as settled"
+        8,
+        ge=2,
+        le=1000,
+        description="rows that a cell rests in the bump lane until it counts as settled",
     )
     mean_tolerance: float = Field(
         0.1,
@@ -173,7 +226,7 @@ class RunControl(Section):
         lt=1,
         description="chance per row of another motion below which that is excluded",
     )
-    records_per_row: int = Field(20, ge=4, description="trajectory samples per row")
+    records_per_row: int = Field(20, ge=4, le=1000, description="trajectory samples per row")
     release_gap_fractions: list[Place] = Field(
         [0.5, 0.2, 0.8],
         min_length=1,
@@ -181,7 +234,10 @@ class RunControl(Section):
         "above the lower pillar of its gap / P_g; 0.5 is the source's",
     )
     outcome_rows_max: int = Field(
-        100, ge=2, description="most rows over all releases of an outcome; then it is undecided"
+        100,
+        ge=2,
+        le=100_000,
+        description="most rows over all releases of an outcome; then it is undecided",
     )
 
     @field_validator("release_gap_fractions")
@@ -195,23 +251,26 @@ class RunControl(Section):
 class Constriction(Section):
     """Channel with a slit throat in which the deformation index is measured."""
 
-    spacing_um: float = Field(1.0, gt=0, description="largest lattice spacing wanted")
-    width_um: float = Field(30.0, gt=0, description="channel width away from the throat")
-    throat_width_um: float = Field(8.0, gt=0, description="width of the throat")
-    throat_length_um: float = Field(40.0, gt=0, description="length of the throat")
-    taper_length_um: float = Field(10.0, ge=0, description="length of each taper")
-    approach_length_um: float = Field(26.0, gt=0, description="straight part on each side")
-    height_um: float = Field(12.0, gt=0, description="channel height")
+    spacing_um: float = Field(1.0, ge=0.01, le=100, description="largest lattice spacing wanted")
+    width_um: float = Field(30.0, gt=0, le=1000, description="channel width away from the throat")
+    throat_width_um: float = Field(8.0, gt=0, le=1000, description="width of the throat")
+    throat_length_um: float = Field(40.0, gt=0, le=1000, description="length of the throat")
+    taper_length_um: float = Field(10.0, ge=0, le=1000, description="length of each taper")
+    approach_length_um: float = Field(26.0, gt=0, le=1000, description="straight part on each side")
+    height_um: float = Field(12.0, gt=0, le=1000, description="channel height")
     axis: Literal["x", "y", "z"] = Field(
         "z", description="direction of the cell's symmetry axis at release (z: seen face on)"
     )
-    release_positions_um: list[float] = Field(
+    release_positions_um: list[Annotated[float, Field(ge=0, le=1000)]] = Field(
         [0.0, 3.0, 6.0, 9.0],
         min_length=1,
         description="streamwise positions of release, from the first possible one",
     )
     fixed_velocity_mm_s: float | None = Field(
-        None, gt=0, description="mean velocity of a second design, all groups at it; null: none"
+        None,
+        ge=1e-5,
+        le=1000,
+        description="mean velocity of a second design, all groups at it; null: none",
     )
 
 
@@ -219,14 +278,14 @@ class ConstrictionGroup(Section):
     """One stiffness group of the calibration with its mean velocity in the channel."""
 
     stiffness: Stiffness
-    velocity_mm_s: float = Field(gt=0, description="mean velocity in the wide channel")
+    velocity_mm_s: float = Field(ge=1e-5, le=1000, description="mean velocity in the wide channel")
     stiffness_set: str | None = Field(
         None, description="name of the campaign stiffness set that this group calibrates"
     )
 
 
 Length = Annotated[float, Field(gt=0, lt=1000), AfterValidator(thousandths)]
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9-]+$")]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9-]+$", max_length=64)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 CELL_NUMERICS = {
     "coupling", "time_step", "reynolds_max", "kernel", "edge_to_spacing", "friction_nN_s_per_m",

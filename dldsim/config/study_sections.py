@@ -2,14 +2,24 @@
 
 from typing import Annotated
 
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import AfterValidator, Field, Strict, model_validator
 
-from dldsim.config.sections import Fraction, Length, Name, Section, Stiffness
+from dldsim.config.identifiers import parse_outcome
+from dldsim.config.sections import Fraction, Length, Name, Periodicity, Section, Stiffness
+from dldsim.errors import DldsimError
 
-RunId = Annotated[
-    str, StringConstraints(pattern=r"^r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+_s[A-Za-z0-9-]+$")
-]
-Setting = int | float | str
+
+def _outcome(text: str) -> str:
+    """Refuse what is no identifier of an array and a cell."""
+    try:
+        parse_outcome(text)
+    except DldsimError as error:
+        raise ValueError(str(error)) from error
+    return text
+
+
+RunId = Annotated[str, AfterValidator(_outcome)]
+Setting = bool | int | float | Annotated[str, Strict()]
 
 
 class WorkPrecision(Section):
@@ -34,7 +44,7 @@ class AngleStudy(WorkPrecision):
         [], description="release_gap_fraction of the repetitions of each run"
     )
     long_rows: int = Field(
-        100, ge=4, description="rows of the run that shows the error of stopping earlier"
+        100, ge=4, le=10_000, description="rows of the run that shows the error of stopping earlier"
     )
 
 
@@ -59,8 +69,8 @@ class Accuracy(Section):
 class StudyNumerics(Section):
     """Numerical settings of the reference: what differs from the campaign's."""
 
-    spacing_um: float = Field(gt=0, description="largest lattice spacing wanted")
-    reynolds_max: float = Field(gt=0, description="largest numerical Reynolds number")
+    spacing_um: float = Field(ge=0.01, le=100, description="largest lattice spacing wanted")
+    reynolds_max: float = Field(ge=1e-6, le=100, description="largest numerical Reynolds number")
 
 
 class CriticalGap(Section):
@@ -83,11 +93,9 @@ class CriticalGap(Section):
 class CriticalDiameter(Section):
     """Stiff spheres whose critical gap is compared with the empirical law of Davis (2008)."""
 
-    periodicities: list[Annotated[int, Field(ge=2, le=100)]] = Field(
-        [], description="periodicities N_p"
-    )
-    radius_um: float = Field(5.0, gt=0, description="radius of the sphere")
-    height_um: float = Field(30.0, gt=0, description="channel height")
+    periodicities: list[Periodicity] = Field([], description="periodicities N_p")
+    radius_um: float = Field(5.0, ge=0.1, le=1000, description="radius of the sphere")
+    height_um: float = Field(30.0, gt=0, le=1000, description="channel height")
     stiffness: Stiffness = Field(
         Stiffness(
             ks_uN_per_m=150,
@@ -115,13 +123,15 @@ class Reference(Section):
     releases: list[Fraction] = Field(
         [0.2, 0.5, 0.8], min_length=1, description="places of release, as shares of the gap"
     )
-    rows: int = Field(100, ge=2, description="most rows that a cell is followed from a release")
+    rows: int = Field(
+        100, ge=2, le=10_000, description="most rows that a cell is followed from a release"
+    )
     critical_gaps: list[CriticalGap] = Field([], description="transitions that are searched")
     critical_diameters: CriticalDiameter = CriticalDiameter()
-    spacings_um: list[Annotated[float, Field(gt=0)]] = Field(
+    spacings_um: list[Annotated[float, Field(ge=0.01, le=100)]] = Field(
         [1.25, 0.9, 0.63], description="lattice spacings of the searches, coarse to fine"
     )
-    reynolds_max: list[Annotated[float, Field(gt=0)]] = Field(
+    reynolds_max: list[Annotated[float, Field(ge=1e-6, le=100)]] = Field(
         [0.3, 0.15, 0.075], description="numerical Reynolds numbers of the searches, falling"
     )
 

@@ -26,7 +26,7 @@ from dldsim.config.identifiers import geometry_id, parse_outcome
 from dldsim.config.sections import Geometry
 from dldsim.config.study_sections import CriticalGap, Reference
 from dldsim.errors import DldsimError
-from dldsim.laws import critical_diameter
+from dldsim.laws import COARSER_ALLOWED, critical_diameter, whole_shift_spacing
 
 Row = Mapping[str, Any]
 
@@ -195,7 +195,6 @@ def search_settings(search: Search, config: Config) -> dict[str, Any]:
 def held_numerics(search: Search, gap_um: float, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The numerics with the spacing at which this gap has as many nodes per row shift as the
     middle of the bracket."""
-    from dldsim.solver.pillars import COARSER_ALLOWED, whole_shift_spacing
 
     numerics = dict(settings["numerics"])
     middle = _array(search, sum(settings["bracket_um"]) / 2)

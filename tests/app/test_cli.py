@@ -50,7 +50,7 @@ def test_examples_parse(command):
         (["run", *ARRAY, "--set", "12"], ["--set 12", "1, 2, 3, 4, 5", "Did you mean"]),
         (["run", *ARRAY, "--set", "1", "--gap-um", "6"], ["gap_um = 6", "P_r + d_safety"]),
         (["run", *ARRAY, "--set", "1", "--height-um", "3"], ["height_um = 3", "squeezed"]),
-        (["run", *ARRAY, "--set", "1", "--radius-um", "-1"], ["radius_um", "-1", "number > 0"]),
+        (["run", *ARRAY, "--set", "1", "--radius-um", "-1"], ["radius_um", "-1", "number ≥ 0.1"]),
         (["run", *ARRAY, "--set", "1", "--periodicity", "1"], ["periodicity", "1", "≥ 2"]),
         (["run", *ARRAY, "--set", "1", "--periodicity", "4.5"], ["--periodicity", "4.5"]),
         (["run", *ARRAY, "--set", "1", "--drive", "x"], ["--drive", "axial"]),
@@ -61,6 +61,14 @@ def test_examples_parse(command):
         (["anova", "table.txt"], ["table.txt", ".csv or .parquet"]),
         (["info", "no.parquet"], ["no.parquet", "does not exist"]),
         (["design", "--di1", "0.5"], ["--di2"]),
+        (["design", "--set1", "1", "--set2", "5", "--seed", "-1"], ["seed", "-1", "≥ 0"]),
+        (["anova", "no.csv", "--seed", str(2**64)], ["seed", "≤ 9223372036854775807"]),
+        (["design", "--set1", "1", "--set2", "5", "--safety-distance-um", "nan"],
+         ["safety_distance_um", "nan"]),
+        (["constrict", "--set", "1", "--release-position-um", "-5"],
+         ["release_positions_um", "-5 µm", "allowed 0 to 11"]),
+        (["run", *ARRAY, "--set", "1", "--spacing-um", "0.05"],
+         ["numerics.spacing_um = 0.05", "GB of memory", "limits.memory_GB"]),
         (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
         (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["outcomes.parquet"]),
         (["run", *ARRAY, "--set", "1", "--outcome-rows-max", "9"], ["has no effect", "--releases"]),
@@ -75,6 +83,15 @@ def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch)
     assert (code, summary) == (2, None)
     assert all(part in message for part in parts), message
     assert "Traceback" not in message
+
+
+def test_one_section_is_enough_for_a_command(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "config.yaml").write_text("flow: {height_um: 0}\nnumerics: {spacing_um: 4}\n")
+    code, summary, message = call(capsys, "flow", *ARRAY, "--drive", "axial")
+    assert code == 0 and summary["height_um"] == 0, message
+    code, _, message = call(capsys, "run", *ARRAY, "--set", "1")
+    assert code == 2 and "the configuration has no stiffness_sets" in message
 
 
 def test_set_without_configuration(capsys, monkeypatch, tmp_path):

@@ -100,7 +100,7 @@ def test_design_prints_a_summary_to_be_read(capsys, campaign):
         ([*ASK, "--gap-um", "5", "6"], ["no geometry", "safety", "gap_um"]),
         ([*ASK, "--pillar-radius-um", "0.5", "1"], ["no geometry", "slender"]),
         ([*ASK, "--pressure-max-kpa", "1e-9"], ["none of 30 trials", "pressure drop"]),
-        ([*ASK, "--r1", "-1"], ["radius_1_um", "-1", "number > 0"]),
+        ([*ASK, "--r1", "-1"], ["radius_1_um", "-1", "number ≥ 0.1"]),
         ([*ASK, "--objective", "best"], ["--objective", "robust"]),
     ],
 )  # fmt: skip

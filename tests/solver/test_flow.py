@@ -357,9 +357,9 @@ def test_geometry_that_does_not_fit_the_lattice_is_refused():
     with pytest.raises(DldsimError, match="numerics.rows = 5"):
         make_array(geometry, IN_2D, Numerics(rows=5))
     narrow = Geometry(pillar_radius_um=13.0, gap_um=4.0, periodicity=4)
-    with pytest.raises(DldsimError, match="gap_um = 4 .* refine"):
+    with pytest.raises(DldsimError, match="gap_um = 4 .* Refine"):
         make_array(narrow, IN_2D, DEFAULT)
-    with pytest.raises(DldsimError, match="height_um = 3 .* refine"):
+    with pytest.raises(DldsimError, match="height_um = 3 .* Refine"):
         make_array(geometry, Flow(height_um=3.0), DEFAULT)
 
 

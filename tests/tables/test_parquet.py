@@ -49,7 +49,7 @@ def path(tmp_path):
 
 
 @pytest.mark.parametrize("kind", COLUMNS)
-@settings(max_examples=10)
+@settings(max_examples=10, deadline=None)
 @given(data=st.data())
 def test_rows_come_back(kind, data, tmp_path_factory):
     rows = data.draw(rows_of(kind))

@@ -26,7 +26,7 @@ rule accuracy:
         csv=f"{RESULTS}/accuracy.csv",
     params:
         variants=VARIANTS,
-        config=CONFIG.model_dump(mode="json"),
+        config=CONFIG.model_dump(mode="json", exclude={"limits"}),
         settings=settings_of("accuracy", "numerics", "run_control"),
     log:
         f"{RESULTS}/logs/accuracy.log",

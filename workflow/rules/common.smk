@@ -9,10 +9,10 @@ from snakemake.exceptions import WorkflowError
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
-from dldsim.config import campaign, identifiers
+from dldsim.config import campaign, identifiers, limits
 from dldsim.config.provenance import check_stamp, write_stamp
 from dldsim.evidence import accuracy, reference_study, spot_check
-from dldsim.config.presets import resolve
+from dldsim.config.presets import read_files, resolve
 from dldsim.config.sections import CELL_NUMERICS
 from dldsim.errors import DldsimError
 from dldsim.evidence.stability_sweep import FAMILIES
@@ -21,8 +21,19 @@ from dldsim.evidence.validation import CASES
 RESULTS = "results"
 CRASHES = f"{RESULTS}/crashes"
 
+
+def config_files():
+    """The files of the configuration: that of the Snakefile, then those of --configfile. They are
+    read once more, because Snakemake drops keys that stand twice and reads 010 as eight."""
+    given = list(workflow.overwrite_configfiles)
+    if workflow.config_settings.replace_workflow_config:
+        return given
+    return [path for path in workflow.configfiles if path not in given] + given
+
+
 try:
-    CONFIG = resolve(config, overrides=workflow.config_settings.config)
+    CONFIG = resolve(read_files(config_files()), overrides=workflow.config_settings.config)
+    limits.enforce(CONFIG.limits)
     if workflow.is_main_process and not {"--forceall", "-F"} & set(sys.argv):
         check_stamp(Path(RESULTS))
     GEOMETRIES = [identifiers.geometry_id(g) for g in campaign.geometries(CONFIG)]

@@ -51,7 +51,7 @@ rule critical_gaps:
         convergence_csv=f"{RESULTS}/reference/convergence.csv",
     params:
         searches=SEARCHES,
-        config=CONFIG.model_dump(mode="json"),
+        config=CONFIG.model_dump(mode="json", exclude={"limits"}),
         settings=settings_of("reference", "numerics"),
     log:
         f"{RESULTS}/logs/critical_gaps.log",

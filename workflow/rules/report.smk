@@ -28,7 +28,7 @@ rule report:
         f"{RESULTS}/report.html",
     params:
         results=RESULTS,
-        settings=CONFIG.model_dump(mode="json"),
+        settings=CONFIG.model_dump(mode="json", exclude={"limits"}),
     log:
         f"{RESULTS}/logs/report.log",
     benchmark:

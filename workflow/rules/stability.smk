@@ -5,7 +5,7 @@ rule stability_family:
     output:
         table=ensure(f"{RESULTS}/stability/{{family}}.parquet", non_empty=True),
     params:
-        config=CONFIG.model_dump(mode="json"),
+        config=CONFIG.model_dump(mode="json", exclude={"limits"}),
         settings=stability_settings,
     log:
         f"{RESULTS}/logs/stability_family/{{family}}.log",

@@ -306,9 +306,10 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
         if not path:
             value = ""
         message = f"{name or 'request'}{' = ' + value if value else ''}: allowed: {allowed}"
-        fields.append(models.FieldProblem(field=_ascii(name), value=value,
-                                          message=_ascii(message)))
-    text = "; ".join(f.message for f in fields[:5])
+        keys = getattr(details.get("ctx", {}).get("error"), "keys", ())
+        fields += [models.FieldProblem(field=_ascii(key), value=value, message=_ascii(message))
+                   for key in keys or [name]]
+    text = "; ".join(list(dict.fromkeys(f.message for f in fields))[:5])
     return _answer(422, models.Problem(error="invalid", message=text, fields=fields[:20]))
 
 

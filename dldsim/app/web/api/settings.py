@@ -7,10 +7,11 @@ from typing import Any
 
 from pydantic import Field
 
+from dldsim.config import limits
 from dldsim.config.configuration import Sweep
 from dldsim.config.design_sections import Device, Verification
 from dldsim.config.explain import validate
-from dldsim.config.presets import read_config
+from dldsim.config.presets import read_partial
 from dldsim.config.sections import Section
 
 PREFIX = "DLDSIM_WEB_"
@@ -71,5 +72,8 @@ class Settings(Section):
         path = self.config or Path("config.yaml")
         if self.config is None and not path.exists():
             return Device(), Sweep.model_fields["safety_distance_um"].default, Verification()
-        config = read_config(path)
-        return config.device, config.sweep.safety_distance_um, config.verification
+        config = read_partial(path)
+        limits.enforce(config.limits)
+        safety = config.sweep.safety_distance_um if config.sweep else (
+            Sweep.model_fields["safety_distance_um"].default)
+        return config.device, safety, config.verification
