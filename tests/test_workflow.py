@@ -201,13 +201,29 @@ def test_results_of_other_physics_are_refused(finished):
 @pytest.mark.parametrize(
     ("change", "part"),
     [("preset=papr", "Did you mean paper?"), ("flow={heigth_um: 3}", "Did you mean height_um?"),
-     ("sweep={gap_um: []}", "sweep.gap_um"),
+     ("sweep={gap_um: []}", "sweep.gap_um"), ("preset=", "preset: no value is given"),
+     ("numerics={rows: 100}", "numerics.rows = 100"),
      ("cell={release_gap_fraction: 0.3}", "run_control.release_gap_fractions")],
 )
 def test_bad_configuration_is_told(tmp_path, change, part):
     folder = copy_workflow(tmp_path)
     done = snakemake(folder, "-n", "all", "--config", change, check=False)
     assert done.returncode != 0 and part in done.stdout + done.stderr
+
+
+def test_files_are_read_as_they_stand(tmp_path):
+    """Snakemake's own reader would keep the last of two keys, and make 90 of 1:30."""
+    folder = copy_workflow(tmp_path)
+    extra = folder / "extra.yaml"
+    extra.write_text("flow: {height_um: 20}\nflow: {height_um: 24}\n")
+    argv = ("-n", "all", "--configfile", str(extra))
+    done = snakemake(folder, *argv, check=False)
+    assert "extra.yaml is not valid YAML, line 2" in done.stdout + done.stderr
+    extra.write_text("flow: {height_um: 1:30}\n")
+    done = snakemake(folder, *argv, check=False)
+    assert "flow.height_um" in done.stdout + done.stderr and "'1:30'" in done.stdout + done.stderr
+    extra.write_text("limits: {run_hours: 1}\nnumerics: {spacing_um: 2}\n")
+    assert snakemake(folder, *argv).returncode == 0
 
 
 @pytest.mark.campaign

@@ -54,6 +54,11 @@ def resolve(
             "The configuration is not a mapping of keys to values.", value=raw,
             allowed="sections", remedy="See config.yaml.",
         )  # fmt: skip
+    for key, value in overrides.items():
+        if value is None and key in Config.model_fields:
+            raise DldsimError(
+                f"{key}: no value is given.", key=key, remedy=f"Give {key} a value or leave it out."
+            )
     whole = merge(raw, overrides)
     presets = whole.get("presets")
     _check_presets(presets)

@@ -48,6 +48,8 @@ def test_not_a_configuration(tmp_path):
     ("raw", "overrides", "key", "parts"),
     [
         ({}, {"preset": ""}, "preset", ["Unknown preset ''", "quick, paper"]),
+        ({}, {"preset": None}, "preset", ["no value"]),  # what Snakemake makes of preset=
+        ({}, {"seed": None}, "seed", ["no value"]),
         ({"preset": ["quick"]}, {}, "preset", ["['quick']", "quick, paper"]),
         ({"preset": {"quick": 1}}, {}, "preset", ["quick, paper"]),
         ({"preset": 3}, {}, "preset", ["Unknown preset 3"]),
