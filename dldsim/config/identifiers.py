@@ -30,13 +30,23 @@ def _format(geometry: Geometry) -> str:
     return f"r{radius}_g{gap}_n{geometry.periodicity:02d}"
 
 
+def _no_identifier(of: str, text: str, example: str) -> DldsimError:
+    return DldsimError(
+        f"{text!r} is not {of} identifier such as {example}.", value=text, allowed=example
+    )
+
+
 def geometry_id(geometry: Geometry) -> str:
     """Identifier such as r06.0_g18.0_n08. Raises DldsimError for more than three decimals."""
     text = _format(geometry)
     if parse_geometry(text) != geometry:
         raise DldsimError(
             f"No identifier for pillar_radius_um = {geometry.pillar_radius_um!r}, gap_um = "
-            f"{geometry.gap_um!r}: lengths may have three decimals. Round them."
+            f"{geometry.gap_um!r}: lengths may have three decimals.",
+            key=("pillar_radius_um", "gap_um"),
+            value=(geometry.pillar_radius_um, geometry.gap_um),
+            allowed="at most three decimals",
+            remedy="Round them.",
         )
     return text
 
@@ -55,14 +65,17 @@ def parse_geometry(text: str) -> Geometry:
         )
         if _format(geometry) == text:
             return geometry
-    raise DldsimError(f"{text!r} is not a geometry identifier such as r06.0_g18.0_n08.")
+    raise _no_identifier("a geometry", text, "r06.0_g18.0_n08")
 
 
 def outcome_id(pair: Pair) -> str:
     """Identifier such as r06.0_g18.0_n08_s3."""
     if not re.fullmatch(r"[A-Za-z0-9-]+", pair.stiffness_set):
         raise DldsimError(
-            f"Stiffness set {pair.stiffness_set!r}: a name has letters, digits and hyphens only."
+            f"Stiffness set {pair.stiffness_set!r}: a name has letters, digits and hyphens only.",
+            key="stiffness_set",
+            value=pair.stiffness_set,
+            allowed="letters, digits and hyphens",
         )
     return f"{geometry_id(pair.geometry)}_s{pair.stiffness_set}"
 
@@ -71,7 +84,7 @@ def parse_outcome(text: str) -> Pair:
     """The inverse of `outcome_id`."""
     geometry, found, name = text.rpartition("_s")
     if not found or not re.fullmatch(OUTCOME_PATTERN, text):
-        raise DldsimError(f"{text!r} is not an outcome identifier such as r06.0_g18.0_n08_s3.")
+        raise _no_identifier("an outcome", text, "r06.0_g18.0_n08_s3")
     return Pair(parse_geometry(geometry), name)
 
 
@@ -85,7 +98,11 @@ def run_id(outcome: str, release_gap_fraction: float) -> str:
     if not 0 <= release_gap_fraction <= 1 or float(text) != release_gap_fraction:
         raise DldsimError(
             f"No identifier for release_gap_fraction = {release_gap_fraction!r}: a place is 0 to "
-            "1, of at most three decimals. Round it."
+            "1, of at most three decimals.",
+            key="release_gap_fraction",
+            value=release_gap_fraction,
+            allowed="0 to 1, at most three decimals",
+            remedy="Round it.",
         )
     return f"{outcome}_y{text}"
 
@@ -97,7 +114,7 @@ def parse_run(text: str) -> tuple[str, float]:
         parse_outcome(outcome)
         if run_id(outcome, float(place)) == text:
             return outcome, float(place)
-    raise DldsimError(f"{text!r} is not a run identifier such as r06.0_g18.0_n08_s3_y0.50.")
+    raise _no_identifier("a run", text, "r06.0_g18.0_n08_s3_y0.50")
 
 
 GROUP_VELOCITY, FIXED_VELOCITY = "group-velocity", "fixed-velocity"
@@ -113,6 +130,6 @@ def constriction_id(group: str, position: int, design: str = GROUP_VELOCITY) -> 
 def parse_constriction(text: str) -> tuple[str, int, str]:
     """The inverse of `constriction_id`."""
     if not re.fullmatch(CONSTRICTION_PATTERN, text):
-        raise DldsimError(f"{text!r} is not a constriction run identifier such as G1_0.")
+        raise _no_identifier("a constriction run", text, "G1_0")
     group, *fixed, position = text.split("_")
     return group, int(position), FIXED_VELOCITY if fixed else GROUP_VELOCITY

@@ -48,11 +48,16 @@ def check_stamp(directory: Path) -> None:
         made_by = json.loads(path.read_text(encoding="utf-8"))
         physics, version = made_by["physics_version"], made_by["dldsim_version"]
     except (ValueError, KeyError, TypeError) as error:
-        raise DldsimError(f"{path} is damaged. Delete it and start again.") from error
+        raise DldsimError(
+            f"{path} is damaged.", key=str(path), remedy="Delete it and start again."
+        ) from error
     if physics != PHYSICS_VERSION:
         raise DldsimError(
             f"{directory} holds results of physics version {physics} (dldsim {version}); this is "
-            f"version {PHYSICS_VERSION} (dldsim {__version__}), whose trajectories differ. To keep "
-            f"the old results: mv {directory} {directory}-physics{physics}. To make everything "
-            "anew in place: snakemake -j2 all --forceall."
+            f"version {PHYSICS_VERSION} (dldsim {__version__}), whose trajectories differ.",
+            key=str(path),
+            value=physics,
+            allowed=str(PHYSICS_VERSION),
+            remedy=f"To keep the old results: mv {directory} {directory}-physics{physics}. To make "
+            "everything anew in place: snakemake -j2 all --forceall.",
         )

@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.errors import DldsimError
-from dldsim.tables.registry import schema
+from dldsim.tables.registry import rule_of, schema
 
 METADATA_KEY = b"dldsim"
 
@@ -37,7 +37,11 @@ def write_table(kind: str, data: Any, path: Path, provenance: Mapping[str, Any])
     arrays = [_array(kind, field, columns[field.name]) for field in target]
     lengths = {field.name: len(array) for field, array in zip(target, arrays, strict=True)}
     if len(set(lengths.values())) > 1:
-        raise DldsimError(f"table {kind}: columns of unequal length: {lengths}.")
+        raise DldsimError(
+            f"table {kind}: columns of unequal length: {lengths}.",
+            key=list(lengths),
+            allowed="one length",
+        )
     table = pa.table(arrays, schema=_stamped(kind, target, provenance))
     with atomic_path(path) as part:
         pq.write_table(table, part, compression="zstd")
@@ -61,26 +65,37 @@ def read_columns(kind: str, path: Path) -> pa.Table:
     Raises DldsimError if the file is absent, truncated, foreign, of another kind or another
     physics version.
     """
-    metadata = _provenance(path)
+    metadata = _provenance(path, kind)
     if metadata["kind"] != kind:
-        raise DldsimError(f"{path} holds a table of kind {metadata['kind']}, not {kind}.")
+        raise DldsimError(
+            f"{path} holds a table of kind {metadata['kind']}, not {kind}.",
+            key=str(path),
+            value=metadata["kind"],
+            allowed=kind,
+        )
     if metadata["physics_version"] != PHYSICS_VERSION:
         raise DldsimError(
             f"{path} was made by physics version {metadata['physics_version']} (dldsim "
             f"{metadata['dldsim_version']}); this is version {PHYSICS_VERSION} (dldsim "
-            f"{__version__}), whose trajectories differ. Delete results/, or make everything anew "
-            "with `snakemake -j2 all --forceall`."
+            f"{__version__}), whose trajectories differ.",
+            key=str(path),
+            value=metadata["physics_version"],
+            allowed=str(PHYSICS_VERSION),
+            remedy="Delete results/, or make everything anew with `snakemake -j2 all --forceall`.",
         )
     try:
         table = pq.ParquetFile(path).read()
     except (pa.ArrowException, OSError) as error:
-        raise DldsimError(_damaged(path)) from error
+        raise _damaged(path, kind) from error
     if not table.schema.equals(schema(kind)):
         differing = set(table.schema.names) ^ set(schema(kind).names)
         raise DldsimError(
             f"{path} has other columns than a table of kind {kind} in dldsim {__version__} "
             f"({', '.join(sorted(differing)) or 'types or order differ'}); it was made by dldsim "
-            f"{metadata['dldsim_version']}. Delete it and run `snakemake -j2 all`."
+            f"{metadata['dldsim_version']}.",
+            key=sorted(differing) or str(path),
+            allowed=", ".join(schema(kind).names),
+            remedy=f"Delete it and run `snakemake -j2 {rule_of(kind)}`.",
         )
     return table
 
@@ -161,26 +176,30 @@ def _stamped(kind: str, target: pa.Schema, provenance: Mapping[str, Any]) -> pa.
     return target.with_metadata({METADATA_KEY: text.encode()})
 
 
-def _damaged(path: Path) -> str:
-    return (
-        f"{path} is not a readable Parquet file: truncated, or of another format. Delete it and "
-        "run `snakemake -j2 all`, which makes it anew."
+def _damaged(path: Path, kind: str | None = None) -> DldsimError:
+    return DldsimError(
+        f"{path} is not a readable Parquet file: truncated, or of another format.",
+        key=str(path),
+        remedy=f"Delete it and run `snakemake -j2 {rule_of(kind)}`, which makes it anew.",
     )
 
 
-def _provenance(path: Path) -> dict:
+def _provenance(path: Path, kind: str | None = None) -> dict:
     try:
         metadata = pq.ParquetFile(path).schema_arrow.metadata or {}
     except FileNotFoundError as error:
         raise DldsimError(
-            f"{path} does not exist. Check the path, or make it with `snakemake -j2 all`."
+            f"{path} does not exist.",
+            key=str(path),
+            remedy=f"Check the path, or make it with `snakemake -j2 {rule_of(kind)}`.",
         ) from error
     except (pa.ArrowException, OSError) as error:
-        raise DldsimError(_damaged(path)) from error
+        raise _damaged(path, kind) from error
     if METADATA_KEY not in metadata:
         raise DldsimError(
-            f"{path} was not written by dldsim: it carries no dldsim metadata. "
-            "Move it out of the results folder, or check the path."
+            f"{path} was not written by dldsim: it carries no dldsim metadata.",
+            key=str(path),
+            remedy="Move it out of the results folder, or check the path.",
         )
     return json.loads(metadata[METADATA_KEY])
 
@@ -201,7 +220,11 @@ def _as_columns(kind: str, data: Any, names: Sequence[str]) -> dict[str, Any]:
             f"missing {', '.join(n for n in names if n in absent)}" if absent else "",
             f"unknown {', '.join(extra)}" if extra else "",
         ]
-        raise DldsimError(f"table {kind}: columns {' and '.join(filter(None, parts))}.")
+        raise DldsimError(
+            f"table {kind}: columns {' and '.join(filter(None, parts))}.",
+            key=[*(n for n in names if n in absent), *extra],
+            allowed=", ".join(names),
+        )
     return columns
 
 
@@ -215,7 +238,11 @@ def _array(kind: str, field: pa.Field, values: Any) -> pa.Array:
             array = array.combine_chunks()
         array = array.cast(field.type)
     except (pa.ArrowException, TypeError, ValueError) as error:
-        raise DldsimError(f"{where}: cannot be held as {field.type}: {error}") from error
+        raise DldsimError(
+            f"{where}: cannot be held as {field.type}: {error}",
+            key=field.name,
+            allowed=str(field.type),
+        ) from error
     flat = array.flatten() if pa.types.is_list(field.type) else array
     if pa.types.is_floating(flat.type):
         bad = pc.indices_nonzero(pc.fill_null(pc.invert(pc.is_finite(flat)), False))
@@ -226,15 +253,20 @@ def _array(kind: str, field: pa.Field, values: Any) -> pa.Array:
             value = array[row].as_py()
             value = value if isinstance(value, list) or math.isnan(value) else f"{value}"
             raise DldsimError(
-                f"{where}, row {row}: {value} is not finite. Use null for a value "
-                "that was not measured."
+                f"{where}, row {row}: {value} is not finite.",
+                key=field.name,
+                value=value,
+                allowed="finite numbers",
+                remedy="Use null for a value that was not measured.",
             )
     nulls = array.null_count if not field.nullable else 0
     nulls += flat.null_count if flat is not array else 0
     if nulls:
         row = np.flatnonzero(array.is_null().to_numpy(zero_copy_only=False))
         raise DldsimError(
-            f"{where}{f', row {row[0]}' if row.size else ''}: null in a column that "
-            "must have a value."
+            f"{where}{f', row {row[0]}' if row.size else ''}: null in a column that must have a "
+            "value.",
+            key=field.name,
+            allowed="a value in every row",
         )
     return array

@@ -116,6 +116,27 @@ def test_an_impossible_knob_is_named(config, part, knobs, word):
         accuracy.variants(config.model_copy(update={"accuracy": changed}))
 
 
+@pytest.mark.parametrize(
+    ("part", "knobs", "key"),
+    [
+        ("migration_angle", {"rows": [1, 100]}, "numerics.rows"),
+        ("migration_angle", {"spacing_um": [20.0, 1.25]}, "gap_um"),
+        ("deformation_index", {"release_position_um": [-3.0, 0.0]}, "release_positions_um.0"),
+        ("deformation_index", {"release_position_um": [20.0, 0.0]},
+         "constriction.release_positions_um"),
+        ("deformation_index", {"throat_width_um": [50.0, 8.0]}, "constriction.throat_width_um"),
+    ],
+)  # fmt: skip
+def test_a_value_that_no_run_can_have_is_refused(config, part, knobs, key):
+    cases = {"migration_angle": {"one": ONE}, "deformation_index": ["G1"]}[part]
+    changed = study(**{part: {"cases": cases, "knobs": knobs}})
+    config = config.model_copy(update={"accuracy": changed})
+    with pytest.raises(DldsimError) as caught:
+        for variant in accuracy.variants(config):
+            accuracy.settings_for(variant, config)
+    assert caught.value.key == key
+
+
 # ---------------------------------------------------------------------------------- replaying
 
 

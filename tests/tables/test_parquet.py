@@ -135,7 +135,7 @@ def test_failed_write_leaves_the_old_table(path, monkeypatch):
 
 
 def test_absent_truncated_and_foreign_files_are_refused(path, tmp_path):
-    with pytest.raises(DldsimError, match="does not exist"):
+    with pytest.raises(DldsimError, match="does not exist.*snakemake -j2 runs"):
         read_columns("runs", path)
     write_table("calibration_correlations", example(), path, ABOUT)
     path.write_bytes(path.read_bytes()[:-20])
