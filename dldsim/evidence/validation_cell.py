@@ -294,7 +294,7 @@ def critical_interval(flow: EmptyFlow) -> tuple[float, float, list[Passage]]:
         passages.append(sphere_passage(flow, diameter))
         return passages[-1].bumps
 
-    low = high = critical_diameter(1, flow.geometry.row_shift_fraction)
+    low = high = critical_diameter(1, 1 / flow.geometry.periodicity)
     if bumps(low):
         while bumps(low := high - FIRST_STEP):
             high = low
