@@ -30,5 +30,11 @@ onstart:
     write_stamp(Path(RESULTS))
 
 
+onerror:
+    from dldsim.report.campaign_page import renew_report
+
+    logger.info(renew_report(Path(RESULTS), CONFIG.model_dump(mode="json")))
+
+
 onsuccess:
     logger.info(campaign.closing_sentence(Path(RESULTS)))

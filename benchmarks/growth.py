@@ -28,7 +28,7 @@ from benchmarks.kernels import GEOMETRY, STIFFNESS, median_times, without_cell
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics
 from dldsim.experiments.array_run import make_scene
 from dldsim.experiments.migration import SETTLED
-from dldsim.report.figures import render, styled
+from dldsim.report.style import render, styled
 from dldsim.solver.flow import EmptyFlow, Fluid
 from dldsim.solver.pillars import make_array
 from dldsim.solver.time_loop import CellInFlow

@@ -256,3 +256,19 @@ def test_tiny_campaign_end_to_end(tmp_path):
     assert not [*(results / "partial").glob("*")]
     assert "<html" in (results / "report.html").read_text(encoding="utf-8")[:500].lower()
     assert planned(folder, "all", *config) == {}
+
+
+def test_after_a_failure_the_report_shows_what_there_is(tmp_path):
+    """A rule fails while an older report lies there: it gives way to one that names the reason."""
+    folder = copy_workflow(tmp_path)
+    results = folder / "results"
+    results.mkdir()
+    shutil.copy(ROOT / "dldsim" / "data" / "campaign" / "flows.parquet", results)
+    (results / "outcomes.parquet").write_bytes(b"PAR1 cut short")
+    (results / "report.html").write_text("older")
+    done = snakemake(folder, "anova", "--allowed-rules", "anova", check=False)
+    assert done.returncode != 0
+    assert "The report of what there is" in done.stdout + done.stderr
+    page = (results / "report.html").read_text(encoding="utf-8")
+    assert "<h2>Flow without a cell</h2>" in page and "outcomes.parquet is not a readable" in page
+    assert "The log anova.log ends" in page

@@ -18,14 +18,13 @@ from scipy.special import logit
 
 from dldsim.errors import DldsimError
 from dldsim.laws import critical_diameter
-from dldsim.vocabulary import DECIDED
+from dldsim.vocabulary import DECIDED, GEOMETRY
 
 FEATURES = [
     "log_size_over_critical_diameter", "log_confinement", "log_periodicity",
     "log_pillar_radius_over_cell_radius", "log_gap_over_pillar_diameter", "deformation_index",
     "bump_angle_deg",
 ]
-GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 INPUTS = [*GEOMETRY, "deformation_index", "cell_radius_um"]
 ANGLE = "migration_angle_deg"
 CONDITIONS = ["cell_shape", "height_um", "mean_velocity_mm_s"]

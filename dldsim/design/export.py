@@ -184,17 +184,22 @@ def _write_passage(
     passages = {}
     for i, run in enumerate(verified, start=1):
         write_vtkhdf(run.shapes, paths[f"cell_{i}"], about)
-        angle = run.row["migration_angle_deg"]
-        result = run.row["status"] if angle is None else f"{angle:.2f}°, {run.row['mode']}"
-        passages[f"cell {i}, set {run.row['stiffness_set']}, R "
-                 f"{run.row['cell_radius_um']:g} µm: {result}"] = run.shapes  # fmt: skip
+        passages[passage_label(i, run.row)] = run.shapes
     write_pillars([run.shapes for run in verified], paths["pillars"])
     _write_figure(draw_passage(passages), paths["picture"])
     write_animation(passages, paths["animation"])
 
 
+def passage_label(number: int, row: Mapping[str, Any]) -> str:
+    """A cell type by what it is made of, and what it did."""
+    angle = row["migration_angle_deg"]
+    result = row["status"] if angle is None else f"{angle:.2f}°, {row['mode']}"
+    return (f"cell {number}, k_s {row['ks_uN_per_m']:.3g} µN/m, R {row['cell_radius_um']:g} µm: "
+            f"{result}")
+
+
 def _write_figure(figure, path: Path) -> None:
-    from dldsim.report.figures import render
+    from dldsim.report.style import render
 
     with atomic_path(path) as part:
         part.write_bytes(render(figure, "png"))

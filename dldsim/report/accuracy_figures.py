@@ -1,6 +1,6 @@
 """Figures of the accuracy study: error against run time, numerical uncertainty, learning, search.
 
-As in :mod:`dldsim.report.figures`: what is drawn is computed apart from drawing. Errors are shown
+As in :mod:`dldsim.report.style`: what is drawn is computed apart from drawing. Errors are shown
 as a share of the bump angle, or of the reference's deformation index.
 """
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from dldsim.evidence.accuracy import ANGLE, INDEX, REFERENCE, RELEASE, REPLAYED
-from dldsim.report.figures import (
+from dldsim.report.style import (
     GREY,
     MODE_COLOUR,
     dot,

@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dldsim.report.figures import GREY, dot, key, legend, multiples, styled
+from dldsim.report.style import GREY, dot, key, legend, multiples, styled
 
 PARAMETERS = {"pillar_radius_um": "$P_r$ [µm]", "gap_um": "$P_g$ [µm]", "periodicity": "$N_p$"}
 ROLE_COLOUR = {
@@ -17,6 +17,8 @@ ROLE_NAME = {
     "design": "design", "transition": "array near a mode transition",
     "finer": "design, finer lattice", "height": "best design, other height",
 }  # fmt: skip
+TELLING, UNINFORMATIVE = "#A9B0B8", "#EBE3CF"
+"""Colours of prediction intervals that tell the order of the cells, and of those that do not."""
 AFTERWARDS = {"finer": 1, "height": 2}
 """Roles that follow the rounds, in this order."""
 
@@ -39,6 +41,11 @@ def rounds_of(verifications: pd.DataFrame) -> pd.DataFrame:
     return table.assign(place=place).drop(columns=["order", "late"])
 
 
+def tells_order(verifications: pd.DataFrame) -> pd.Series:
+    """Whether the predicted interval of a difference leaves out zero."""
+    return (verifications["predicted_low_deg"] > 0) | (verifications["predicted_high_deg"] < 0)
+
+
 def parallel_lines(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, tuple[float, float]]]:
     """Feasible trials scaled to 0 … 1 on each axis, worst first, and the ends of the axes."""
     names = [*PARAMETERS, "value"]
@@ -48,6 +55,37 @@ def parallel_lines(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, tuple[
     scaled = {name: (good[name] - low) / (high - low) if high > low else 0.5 + 0 * good[name]
               for name, (low, high) in ends.items()}
     return pd.DataFrame(scaled), ends
+
+
+@styled
+def draw_designs(designs: pd.DataFrame) -> Figure:
+    """Ranked designs: separation with its range over the fabrication tolerance, and uncertainty."""
+    requests = list(dict.fromkeys(designs["request"]))
+    tallest = designs.groupby("request").size().max()
+    figure, panels = multiples(len(requests), 2, 9.2, 1.1 + 0.34 * tallest)
+    for panel, request in zip(panels, requests, strict=True):
+        part = designs[designs["request"] == request].sort_values("rank", ascending=False)
+        places = np.arange(len(part))
+        panel.barh(places, part["uncertainty_deg"], height=0.8, color="#E8E4D8")
+        panel.hlines(places, part["separation_tolerance_min_deg"],
+                     part["separation_tolerance_max_deg"], color="#0072B2", linewidth=2.2)
+        inside = part["inside_training_domain"].astype(bool).to_numpy()
+        for filled in (True, False):
+            dot(panel, part["separation_deg"][inside == filled], places[inside == filled],
+                 "#0072B2", "o", filled, markersize=6)
+        panel.set_yticks(places, [
+            f"{row['rank']}:  $P_r$ {row['pillar_radius_um']:.3g}, $P_g$ {row['gap_um']:.3g} µm, "
+            f"$N_p$ {row['periodicity']}" for _, row in part.iterrows()
+        ])
+        panel.grid(axis="y", visible=False)
+        panel.set_title(request)
+        panel.set(xlabel="predicted separation [°]", xlim=(0, None))
+    handles = [key("#0072B2", "o", label="nominal"),
+               key("#0072B2", "o", filled=False, label="outside training domain"),
+               key("#0072B2", line="-", label="over fabrication tolerance"),
+               key("#E8E4D8", "s", label="uncertainty of a difference")]
+    legend(figure, handles)
+    return figure
 
 
 @styled
@@ -152,8 +190,11 @@ def draw_rounds(verifications: pd.DataFrame) -> Figure:
     for panel, request in zip(panels, requests, strict=True):
         part = table[table["request"] == request]
         panel.axhline(0, color="#444444", linewidth=0.8)
-        panel.vlines(part["place"], part["predicted_low_deg"], part["predicted_high_deg"],
-                     color="#C9CDD2", linewidth=7)
+        tells = tells_order(part)
+        for known, colour in ((True, TELLING), (False, UNINFORMATIVE)):
+            bars = part[tells == known]
+            panel.vlines(bars["place"], bars["predicted_low_deg"], bars["predicted_high_deg"],
+                         color=colour, linewidth=7)
         panel.plot(part["place"], part["predicted_deg"], "_", color="black", markersize=9)
         for _, row in part[part["simulated_deg"].notna()].iterrows():
             colour = ROLE_COLOUR[row["role"]]
@@ -177,7 +218,9 @@ def draw_rounds(verifications: pd.DataFrame) -> Figure:
     legend(figure, [
         *(key(ROLE_COLOUR[r], ROLE_MARKER[r], label=ROLE_NAME[r]) for r in ROLE_COLOUR),
         key(GREY, "o", filled=False, label="prediction missed"),
-        key("#C9CDD2", "s", label="90 % prediction interval"), key("black", "_", label="predicted"),
+        key(TELLING, "s", label="90 % prediction interval"),
+        key(UNINFORMATIVE, "s", label="the same, includes zero: uninformative"),
+        key("black", "_", label="predicted"),
         key("#D55E00", "x", label="no angle"),
     ], ncols=4)  # fmt: skip
     return figure

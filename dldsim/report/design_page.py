@@ -1,28 +1,15 @@
 """One self-contained HTML page of one design request, from the tables beside it."""
 
-import base64
-import html
 import json
 from pathlib import Path
 
-from dldsim.report import campaign_page, figures
-from dldsim.tables.parquet import atomic_path, describe, read_table
+from dldsim.report.formats import text
+from dldsim.report.page import Page, Section, render_sections, write_page
+from dldsim.report.sections import designs, search
+from dldsim.tables.parquet import describe, read_table
 
 KINDS = ("designs", "design_trials", "design_tolerances", "design_importance", "design_slices",
          "verifications", "verified_designs")  # fmt: skip
-
-
-class _Page(campaign_page.Campaign):
-    """A campaign's page whose figures are embedded and nowhere else, without links to tables."""
-
-    def figure(self, name: str, figure, caption: str, kinds=(), extra: str = "") -> str:
-        self.figure_count += 1
-        return _embedded(name, figures.render(figure, "svg"), "svg+xml",
-                         round(figure.get_figwidth() * 100),
-                         f"<b>Figure {self.figure_count}.</b> {caption}")
-
-    def sources(self, kinds) -> str:
-        return ""
 
 
 def write_report(directory: Path, output: Path) -> None:
@@ -33,50 +20,24 @@ def write_report(directory: Path, output: Path) -> None:
     directory = Path(directory)
     tables = {kind: read_table(kind, path) for kind in KINDS
               if (path := directory / f"{kind}.parquet").exists() or not kind.startswith("veri")}
-    about = describe(directory / "designs.parquet")["provenance"]
-    page = _Page(directory, Path(output), {}, tables)
-    name = campaign_page.text(tables["designs"]["request"].iloc[0])
-    parts = [
-        "<h2>Candidates</h2>", *campaign_page._candidates(page),
-        "<h2>Simulated designs</h2>",
-        *(campaign_page._verified(page) if "verified_designs" in page else
-          ['<p class="absent">None: these candidates are predicted, not simulated.</p>']),
-        "<h2>Course of the search</h2>", *campaign_page._course(page),
-        "<h2>Photomask</h2>", *map(_mask, sorted((directory / "files").glob("*.mask.png"))),
-        "<h2>Where this comes from</h2>", *_origin(page, about),
-    ]  # fmt: skip
-    body = "\n".join(parts)
-    with atomic_path(Path(output)) as part:
-        part.write_text(f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>Designs for {name}</title><style>{campaign_page.STYLE}</style></head>
-<body><div class="page"><main>
-<h1>Designs for “{name}”</h1>
-<p class="lead">Pillar arrays that separate two cell types by deterministic lateral displacement.
-Angles are predicted by a surrogate of simulations, with 90 % intervals, unless they are called
-simulated.</p>
-{body}
-</main></div></body></html>
-""", encoding="utf-8")
+    page = Page(directory, Path(output), {}, tables, linked=False)
+    shown, failed = render_sections(page, SECTIONS)
+    name = text(tables["designs"]["request"].iloc[0])
+    write_page(page, title=f"Designs for {name}", heading=f"Designs for “{name}”", contents=False,
+               lead="Pillar arrays that separate two cell types by deterministic lateral "
+               "displacement. Angles are predicted by a surrogate of simulations, with 90 % "
+               "intervals, unless they are called simulated.", scope=designs.scope(page),
+               sections=shown, notices=[f"Missing: {m.what}. {m.why}" for m in failed])
 
 
-def _embedded(name: str, image: bytes, kind: str, width: int, caption: str) -> str:
-    payload = base64.b64encode(image).decode()
-    return (f'<figure><img alt="{html.escape(name)}" width="{width}" '
-            f'src="data:image/{kind};base64,{payload}">\n'
-            f"<figcaption>{caption}</figcaption></figure>")
+def _masks(page: Page) -> dict | None:
+    paths = sorted((page.results / "files").glob("*.mask.png"))
+    return {"masks": [page.image(path) for path in paths]} if paths else None
 
 
-def _mask(path: Path) -> str:
-    name = campaign_page.text(path.name.removesuffix(".mask.png"))
-    return _embedded(name, path.read_bytes(), "png", 920,
-                     f"{name}: the mask as its GDSII file has it; green: where both cell types are "
-                     "expected.")
-
-
-def _origin(page: _Page, about: dict) -> list[str]:
+def _origin(page: Page) -> dict:
     """Versions, seed, request and surrogate."""
+    about = describe(page.results / "designs.parquet")["provenance"]
     settings = about["settings"]
     [request] = settings["design_requests"]
     model = settings["surrogate"]
@@ -93,6 +54,14 @@ def _origin(page: _Page, about: dict) -> list[str]:
         **{f"request: {key}": json.dumps(value, ensure_ascii=False)
            for key, value in request.items() if value is not None},
     }  # fmt: skip
-    return [page.table({"": map(campaign_page.text, rows),
-                        "value": map(campaign_page.text, rows.values())},
-                       "Settings and origin.")]
+    return {"settings": page.table({"setting": rows, "value": map(text, rows.values())})}
+
+
+SECTIONS = (
+    Section("answer", "Best design", ("designs",), designs.answer),
+    Section("candidates", "Candidates", ("designs",), designs.candidates),
+    Section("verified", "Simulated designs", (), designs.verified),
+    Section("search", "Course of the search", ("design_trials",), search.contents),
+    Section("masks", "Photomask", (), _masks),
+    Section("origin", "Where this comes from", ("designs",), _origin),
+)

@@ -19,7 +19,7 @@ from matplotlib.patheffects import withStroke
 
 from dldsim.errors import DldsimError
 from dldsim.experiments.vtk import Shapes, pillars_near
-from dldsim.report.figures import PILLAR, STYLE
+from dldsim.report.style import PILLAR, STYLE
 from dldsim.solver.mesh import area_vectors, make_topology
 from dldsim.tables.parquet import atomic_path
 

@@ -1,13 +1,13 @@
 """The report's figures of the stability sweep.
 
-Style and small parts come from :mod:`dldsim.report.figures`.
+Style and small parts come from :mod:`dldsim.report.style`.
 """
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from dldsim.evidence.stability_sweep import FAMILIES
-from dldsim.report.figures import GREY, key, legend, styled
+from dldsim.report.style import GREY, key, legend, styled
 
 OUTCOMES = {
     "ran": ("#0072B2", "o", "ran"),

@@ -1,4 +1,4 @@
-"""The report's figures of the validation; style and small parts from :mod:`dldsim.report.figures`.
+"""The report's figures of the validation; style and small parts from :mod:`dldsim.report.style`.
 
 Every ``draw_…`` takes the table `validation` (pandas) and returns a matplotlib Figure.
 """
@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dldsim.laws import SCATTER_OF_DAVIS
-from dldsim.report.figures import (
+from dldsim.report.angle_figures import SCATTER_OF_LAW, critical_size_ratio
+from dldsim.report.style import (
     GREY,
-    critical_size_ratio,
     dot,
     key,
     legend,
@@ -286,7 +285,7 @@ def draw_transition(validation: pd.DataFrame) -> Figure:
     panel = figure.subplots()
     epsilon = np.linspace(0.04, 0.26, 200)
     law = critical_size_ratio(epsilon)
-    panel.fill_between(epsilon, (1 - SCATTER_OF_DAVIS) * law, (1 + SCATTER_OF_DAVIS) * law,
+    panel.fill_between(epsilon, (1 - SCATTER_OF_LAW) * law, (1 + SCATTER_OF_LAW) * law,
                        color="#E4E6E9", linewidth=0)
     panel.plot(epsilon, law, color="black")
     bound = table[table["quantity"] == "critical diameter beside streamline bound"]

@@ -22,7 +22,7 @@ from dldsim.analysis.uncertainty import (
     with_uncertainty,
 )
 from dldsim.errors import DldsimError
-from dldsim.report import accuracy_figures, figures
+from dldsim.report import accuracy_figures, style
 from dldsim.tables.registry import COLUMNS
 
 BUMP = math.degrees(math.atan(1 / 10))
@@ -290,7 +290,7 @@ def test_the_figure_draws():
             check_row(outcome(1.0, -0.3), outcome(1.0, -0.3), model()),
             check_row(outcome(None), outcome(), model())]
     figure = accuracy_figures.draw_sigma(pd.DataFrame(rows))
-    assert figures.render(figure, "svg").startswith(b"<?xml")
+    assert style.render(figure, "svg").startswith(b"<?xml")
 
 
 # ------------------------------------------------------------------------------------------ files

@@ -11,7 +11,7 @@ from dldsim.config.study_sections import Accuracy
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
 from dldsim.evidence.accuracy import DEFAULT, LONG, REFERENCE, SETTING, Variant
-from dldsim.report import accuracy_figures, figures
+from dldsim.report import accuracy_figures, style
 from dldsim.tables.parquet import write_table
 from dldsim.tables.registry import COLUMNS
 
@@ -245,4 +245,4 @@ def test_every_figure_draws(points, config, runs):
         accuracy_figures.draw_knobs(table, "deformation_index"),
         accuracy_figures.draw_pareto(table), accuracy_figures.draw_gains(table),
     ):
-        assert figures.render(figure, "svg").startswith(b"<?xml")
+        assert style.render(figure, "svg").startswith(b"<?xml")

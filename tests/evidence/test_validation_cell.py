@@ -12,7 +12,7 @@ from dldsim.evidence.validation import run_case
 from dldsim.evidence.validation_cell import LAST_STEP, Passage, critical_interval
 from dldsim.experiments.shear import ShearRun
 from dldsim.laws import critical_diameter
-from dldsim.report import figures, validation_figures
+from dldsim.report import style, validation_figures
 from dldsim.tables.parquet import read_table, write_table
 
 
@@ -169,4 +169,4 @@ def test_figures_show_the_table(table):
     assert (along.get_ylabel(), across.get_ylabel()) == ("D [µm]", "H [µm]")
     for draw in ("capsules", "transition", "constriction_shape"):
         figure = getattr(validation_figures, f"draw_{draw}")(table)
-        assert figures.render(figure, "png").startswith(b"\x89PNG")
+        assert style.render(figure, "png").startswith(b"\x89PNG")

@@ -1,18 +1,37 @@
 """The report against a small made-up campaign: numbers, labels, escapes, links, missing tables."""
 
+import json
+import os
 import re
+import shutil
+import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import Markup
 
+import dldsim
 from dldsim.analysis.calibration import calibrate, correlations
+from dldsim.analysis.regressors import SURROGATE
 from dldsim.errors import DldsimError
-from dldsim.report import analysis_figures, campaign_page, figures
+from dldsim.report import (
+    angle_figures,
+    calibration_figures,
+    campaign_page,
+    style,
+    surrogate_figures,
+    trajectory_figures,
+)
+from dldsim.report import page as report_page
+from dldsim.report.formats import duration, number, probability
+from dldsim.report.inputs import CARD, STUDIES, TABLES
+from dldsim.report.sections import summary
 from dldsim.tables.parquet import write_csv, write_table
-from dldsim.tables.registry import COLUMNS, TABLES
+from dldsim.tables.registry import COLUMNS
+from dldsim.vocabulary import SETTLED
 from tests.report.design_tables import make_design_tables
 
 PROVENANCE = {"config_hash": "0123abcd", "seed": 7}
@@ -106,7 +125,7 @@ def make_outcome(runs: list[dict]) -> dict:
     modes = [run["mode"] for run in runs]
     coexisting = len(set(modes)) > 1
     known = first["migration_angle_deg"] is not None
-    shares = {f"share_{m}": modes.count(m) / len(modes) for m in (*figures.MODES[:3], "none")}
+    shares = {f"share_{m}": modes.count(m) / len(modes) for m in (*style.MODES[:3], "none")}
     names = {c.name for c in COLUMNS["outcomes"]}
     return {name: value for name, value in first.items() if name in names} | shares | {
         "status": "coexisting" if coexisting else status, "coexisting": coexisting,
@@ -221,7 +240,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
         columns={"migration_angle_deg": "mean_migration_angle_deg"}
     ).assign(stability_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)), neighbours=3,
              robust=lambda t: np.arange(len(t)) == 1, modes="bump 2, zigzag 1")  # fmt: skip
-    learnt = figures.measured(tables["outcomes"])
+    learnt = style.measured(tables["outcomes"])
     errors = {"XGBoost": 0.3, "Random forest": 0.5, "Linear": 1.6}
     benchmark, predictions = [], []
     for model, error in errors.items():
@@ -262,7 +281,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
     ])  # fmt: skip
     tables |= accuracy_tables() | {"stability": stability_table()}
     for kind, table in tables.items():
-        path = folder / TABLES[kind].file
+        path = folder / TABLES[kind][0]
         write_table(kind, table, path, PROVENANCE)
         if kind != "trajectory":
             write_csv(kind, path)
@@ -396,7 +415,7 @@ def test_status_table_counts_the_outcomes(campaign):
     outcomes = tables["outcomes"]
     statuses = outcomes["status"].value_counts()
     # the made-up campaign has them all
-    assert set(statuses.index) == set(campaign_page.STATUS_MEANING)
+    assert set(statuses.index) == set(summary.STATUS_MEANING)
     head = page.row("status")
     for status, count in statuses.items():
         row = dict(zip(head, page.row(status), strict=True))
@@ -405,7 +424,7 @@ def test_status_table_counts_the_outcomes(campaign):
         for mode in ("bump", "mixed", "zigzag"):
             assert row[mode] == str((of_status == mode).sum())
     statuses = tables["runs"]["status"].value_counts()
-    assert set(statuses.index) == set(campaign_page.RUN_MEANING)
+    assert set(statuses.index) == set(summary.RUN_MEANING)
     for status in ("converged", "periodic", "stationary"):
         assert page.row(status)[1] == str(statuses[status])
 
@@ -462,7 +481,7 @@ def test_every_link_leads_somewhere(campaign):
     assert all(f'id="{anchor}"' in page.raw for anchor in inside)
     assert all((page.path.parent / link).exists() for link in files)
     linked = {link for link in files if link.endswith(".parquet")}
-    assert linked == {TABLES[kind].file for kind in campaign_page.SHOWN}
+    assert linked == {name for name, _ in TABLES.values()}
 
 
 def test_each_figure_is_saved_as_png_and_svg(campaign):
@@ -478,26 +497,35 @@ def test_benchmark_table_keeps_the_splits_apart(campaign):
     tables, page = campaign
     folds = tables["benchmark"]
     of_model = folds[folds["model"] == "XGBoost"].groupby("split")["rmse_deg"]
-    row = page.row("XGBoost")
-    for cell, split in ((row[2], "random"), (row[7], "geometry")):
+    rows = [row for row in page.rows if row[0] == "XGBoost"]
+    for row, split in zip(rows, ("geometry", "random", "stiffness"), strict=True):
         mean, spread = of_model.mean()[split], of_model.std()[split]
-        assert cell == f"{campaign_page.number(mean, 2)} ± {campaign_page.number(spread, 2)}"
+        assert row[2] == f"{number(mean, 2)} ± {number(spread, 2)}"
 
 
 def test_design_table_shows_separation_with_uncertainty(campaign):
     _, page = campaign
     [row] = [row for row in page.rows if "2.50 to 4.40" in row]
-    assert row[5:8] == ["4.00 ± 1.70", "–", "2.50 to 4.40"] and row[-2:] == ["yes", "resolved"]
+    assert row[5:8] == ["4.00 ± 1.70", "–", "2.50 to 4.40"]
+    assert page.rows[page.rows.index(row) + 1] == ["resolved"]
 
 
 def test_verified_designs_show_simulation_beside_prediction(campaign):
     _, page = campaign
-    row = next(r for r in page.rows if "made-up-1" in r)
-    assert "2.80" in row and "3.00 ± 0.30" in row and "4.00 ± 3.50" in row and "2.50, –" in row
-    assert row[-1] == "separates by 3.00 ± 0.30°; prediction confirmed"
+    row, checks = (r for r in page.rows if "made-up-1" in r)
+    assert "3.00 ± 0.30" in row and "7.00" in row and "14.30" in row and "8" in row
+    assert checks[2:] == ["4.00 ± 3.50", "confirmed", "3.00 ± 0.30", "2.80", "2.00 to 4.50",
+                          "2.50, –"]
+    verdict = page.rows[page.rows.index(row) + 1]
+    assert verdict == ["separates by 3.00 ± 0.30°; prediction confirmed"]
     stuck = next(r for r in page.rows if "made-up-2" in r)
-    assert stuck[-1] == "no separation measured"
-    assert "largest simulated separation of a design" in page.text
+    assert page.rows[page.rows.index(stuck) + 1] == ["no separation measured"]
+
+
+@pytest.fixture
+def blank_figures(monkeypatch):
+    """Figures are drawn and not rendered, which is most of the time that a page takes."""
+    monkeypatch.setattr(style, "render", lambda figure, kind: b"<svg/>")
 
 
 def write_campaign(folder, rows):
@@ -507,7 +535,7 @@ def write_campaign(folder, rows):
     write_table("runs", rows, folder / "runs.parquet", PROVENANCE)
 
 
-def test_report_of_broken_outcomes_alone_says_what_is_missing(tmp_path):
+def test_report_of_broken_outcomes_alone_says_what_is_missing(tmp_path, blank_figures):
     """No optional table and no angle: sentences and rules, no crash."""
     rng = np.random.default_rng(0)
     rows = [make_run(6.0, 18.0, 5, name, rng, "failed")[0] for name in SETS]
@@ -517,14 +545,20 @@ def test_report_of_broken_outcomes_alone_says_what_is_missing(tmp_path):
     write_table("runs", [], tmp_path / "runs.parquet", PROVENANCE)
     campaign_page.make_report(tmp_path, tmp_path / "page" / "report.html", {})
     page = Page(tmp_path / "page" / "report.html")
+    studies = [TABLES[kind][1] for kind in STUDIES]
+    assert f"snakemake -j2 {' '.join(studies)}" in page.text
+    for chapter in ("Validation", "Stability", "Analysis of variance"):
+        assert f"<h2>{chapter}</h2>" not in page.raw
     assert "No outcome of this campaign has a migration angle" in page.text
-    for rule in ("trajectories", "flows", "constriction_runs", "anova", "robustness_map",
-                 "benchmark", "designs"):
-        assert f"Make it with snakemake -j2 {rule} ," in page.text
+    for name, rule in TABLES.values():
+        if name != "outcomes.parquet" and name != "runs.parquet" and rule not in studies:
+            row = page.row(name)
+            assert row[1] == f"snakemake -j2 {rule}"
+            assert page.rows[page.rows.index(row) + 1] == ["It does not exist."]
     assert all((page.path.parent / link).exists() for link in page.links if link[0] != "#")
 
 
-def test_one_mode_alone_is_called_out(tmp_path):
+def test_one_mode_alone_is_called_out(tmp_path, blank_figures):
     rng = np.random.default_rng(0)
     rows = [make_run(6.0, 12.0, n, name, rng)[0] for name in SETS for n in (8, 12)]
     assert {row["mode"] for row in rows} == {"bump"}
@@ -534,19 +568,154 @@ def test_one_mode_alone_is_called_out(tmp_path):
     assert "Every measured outcome has the same mode (bump)" in text
 
 
-def test_outcomes_and_runs_are_required(tmp_path):
-    def refused(words):
-        with pytest.raises(DldsimError, match=words):
-            campaign_page.make_report(tmp_path, tmp_path / "report.html", CONFIG)
-
-    refused(r"outcomes\.parquet does not exist.*snakemake -j2 outcomes")
+def test_nothing_to_show_is_refused_with_the_reasons(tmp_path):
     write_table("outcomes", [], tmp_path / "outcomes.parquet", PROVENANCE)
-    refused(r"runs\.parquet does not exist.*snakemake -j2 runs")
-    write_table("runs", [], tmp_path / "runs.parquet", PROVENANCE)
-    refused("has no row")
     (tmp_path / "runs.parquet").write_bytes(b"PAR1 cut short")
-    refused(r"runs\.parquet")
+    with pytest.raises(DldsimError, match="nothing to report") as refused:
+        campaign_page.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    for reason in ("outcomes.parquet: It has no row", "runs.parquet is not a readable Parquet",
+                   "flows.parquet: It does not exist"):
+        assert reason in str(refused.value)
     assert not (tmp_path / "report.html").exists()
+
+
+def lacking(page, what):
+    """Command and reason that a page gives for what it lacks."""
+    row = page.row(what)
+    return row[1], page.rows[page.rows.index(row) + 1][0]
+
+
+def test_a_report_is_made_of_what_there_is(tmp_path, blank_figures):
+    """Damaged, absent and older tables, a chapter that fails, requests that failed."""
+    rng = np.random.default_rng(0)
+    write_campaign(tmp_path, [make_run(6.0, 14.0, 8, name, rng)[0] for name in SETS])
+    tables = make_design_tables("first")
+    for kind in ("designs", "design_trials"):
+        write_table(kind, tables[kind], tmp_path / TABLES[kind][0], PROVENANCE)
+    (tmp_path / "anova.parquet").write_bytes(b"PAR1 cut short")
+    (tmp_path / "surrogate_card.json").write_text("{")
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "designs.log").write_text("searching\nsecond: no array is feasible\n")
+    os.utime(tmp_path / "designs.parquet", (1, 1))
+    config = {**CONFIG, "design_requests": [{"name": "first"}, {"name": "second"}]}
+    campaign_page.make_report(tmp_path, tmp_path / "report.html", config)
+    page = Page(tmp_path / "report.html")
+    assert "<h2>Designs</h2>" in page.raw and "<h2>Migration angle</h2>" in page.raw
+    assert "This report is not complete" in page.text
+    assert "made from earlier ones: designs.parquet." in page.text
+    assert "not a readable Parquet file" in lacking(page, "anova.parquet")[1]
+    assert "not readable as JSON" in lacking(page, "chapter “Summary”")[1]
+    command, why = lacking(page, "candidates of the request second")
+    assert command == "snakemake -j2 designs" and "second: no array is feasible" in why
+    assert "request first" not in page.text
+
+
+def test_after_a_failure_no_older_report_is_left(tmp_path, blank_figures):
+    old = tmp_path / "report.html"
+    old.write_text("old")
+    assert "nothing to report" in campaign_page.renew_report(tmp_path, CONFIG)
+    assert not old.exists()
+    old.write_text("old")
+    rng = np.random.default_rng(0)
+    write_campaign(tmp_path, [make_run(6.0, 14.0, 8, name, rng)[0] for name in SETS])
+    assert str(old) in campaign_page.renew_report(tmp_path, CONFIG)
+    assert "designs.parquet" in Page(old).text
+
+
+def test_designs_come_first_with_the_array(campaign):
+    _, page = campaign
+    assert page.raw.index("<h2>Designs</h2>") < page.raw.index("<h2>Summary</h2>")
+    head, answer, verdict = page.rows[:3]
+    assert answer[:4] == ["soft <from> stiff", "7.00", "14.30", "8"]
+    assert head[1:4] == ["Pr [µm]", "Pg [µm]", "Np"] and "3.00 ± 0.30" in answer
+    assert verdict == ["separates by 3.00 ± 0.30°; prediction confirmed"]
+    assert re.search(r"largest simulated separation of a design \(soft <from> stiff\): "
+                     r"P_r 7\.00 µm, P_g 14\.3 µm, N_p 8", page.text)
+
+
+def test_first_lines_say_what_the_designs_hold_for(campaign):
+    text = campaign[1].text
+    assert text.index("Holds for biconcave discs of radius 7.5 µm at rest in a channel 20 µm high "
+                      "at a mean velocity of 1 mm/s.") < text.index("Table 1.")
+    assert text.index("biconcave disc of that radius, 15 µm across, not a bead") < text.index(
+        "Table 1.")
+
+
+def test_tables_outside_folds_fit_the_page(campaign):
+    """Twelve columns fit a column of text of 55 rem; verdicts run below over the whole width."""
+    open_parts = re.sub(r"<details>.*?</details>", "", campaign[1].raw, flags=re.S)
+    heads = re.findall(r"<thead>(.*?)</thead>", open_parts, flags=re.S)
+    assert len(heads) > 15 and max(head.count("<th>") for head in heads) <= 12
+    assert not [head for head in heads if "<th>verdict</th>" in head and head.count("<th>") > 6]
+
+
+def test_internal_tables_are_folded(campaign):
+    open_parts = re.sub(r"<details>.*?</details>", "", campaign[1].raw, flags=re.S)
+    for caption in ("Settings and provenance.", "Numerics over all runs."):
+        assert caption in campaign[1].raw and caption not in open_parts
+
+
+def test_error_of_the_surrogate_is_one_number_and_the_other_is_explained(
+    tmp_path, blank_figures, campaign
+):
+    tables, _ = campaign
+    for kind in ("outcomes", "benchmark", "predictions"):
+        renamed = tables[kind].replace({"model": {"XGBoost": SURROGATE}})
+        write_table(kind, renamed, tmp_path / TABLES[kind][0], PROVENANCE)
+    card = Path(dldsim.__file__).parent / "data" / "campaign" / "surrogate_card.json"
+    shutil.copy(card, tmp_path)
+    error = number(json.loads(card.read_text())["scores_by_geometry"]["rmse_deg"], 2)
+    campaign_page.make_report(tmp_path, tmp_path / "report.html", CONFIG)
+    text = Page(tmp_path / "report.html").text
+    assert f"± {error}° error of the surrogate ({SURROGATE})" in re.sub(" +", " ", text)
+    assert f"The {error}° of the surrogate and the 0.99° of {SURROGATE} in the table" in text
+
+
+def rules_of(selector, text):
+    """Declarations of a selector in a part of a style sheet."""
+    return " ".join(body for names, body in re.findall(r"([^{}]+)\{([^{}]*)\}", text)
+                    if selector in [name.strip() for name in names.split(",")])
+
+
+def test_the_text_column_is_wide_and_printing_keeps_headings(campaign):
+    style = re.search(r"<style>(.*?)</style>", campaign[1].raw, flags=re.S)[1]
+    screen, printed = style.split("@media print")
+    assert "max-width: 61rem" in rules_of(".page", screen)
+    assert "grid" not in rules_of(".page", screen)
+    assert "minmax(0, 58rem)" in rules_of(".page.with-contents", screen)
+    for heading in ("h2", "h3", "caption"):
+        assert "break-after: avoid" in rules_of(heading, printed)
+    for block in ("figure", "tr", ".table"):
+        assert "break-inside: avoid" in rules_of(block, printed)
+    assert "break-inside: auto" in rules_of(".table.long", printed)
+
+
+def test_a_page_without_contents_has_no_column_for_them(tmp_path):
+    page = report_page.Page(tmp_path, tmp_path / "a.html", {}, {})
+    for contents in (True, False):
+        report_page.write_page(page, title="t", heading="<h>", lead="", contents=contents, scope=[],
+                               notices=[], sections=[("a", "A", Markup("<p>body</p>"))])
+        raw = page.output.read_text()
+        assert ("<nav" in raw) == ("with-contents\"" in raw) == contents
+        assert "<h1>&lt;h&gt;</h1>" in raw and "<p>body</p>" in raw
+
+
+def test_templates_come_with_the_package():
+    root = Path(dldsim.__file__).parent
+    project = tomllib.loads((root.parent / "pyproject.toml").read_text())
+    patterns = project["tool"]["setuptools"]["package-data"]["dldsim"]
+    packaged = {path for pattern in patterns for path in root.glob(pattern)}
+    files = {path for path in (root / "report").rglob("*") if path.suffix in (".html", ".css")}
+    assert len(files) > 20 and files <= packaged
+
+
+def test_rules_named_for_missing_tables_make_them():
+    rules = {}
+    for path in (Path(__file__).parents[2] / "workflow" / "rules").glob("*.smk"):
+        _, *blocks = re.split(r"^rule (\w+):", path.read_text(), flags=re.M)
+        rules |= dict(zip(blocks[::2], blocks[1::2], strict=True))
+    for name, rule in (*TABLES.values(), CARD):
+        assert f"/{name}" in rules[rule].split("output:")[1]
 
 
 @pytest.mark.parametrize(
@@ -556,13 +725,13 @@ def test_outcomes_and_runs_are_required(tmp_path):
      (float("nan"), 3, "–"), (True, 3, "yes"), (2.5e7, 3, "2.50 × 10⁷")],
 )  # fmt: skip
 def test_number_format(value, digits, shown):
-    assert campaign_page.number(value, digits).replace("\u202f", " ") == shown
+    assert number(value, digits).replace("\u202f", " ") == shown
 
 
 def test_probability_and_duration_format():
-    assert [campaign_page.probability(p) for p in (0.25, 4.4e-12, 0.0, None)] == [
+    assert [probability(p) for p in (0.25, 4.4e-12, 0.0, None)] == [
         "0.250", "4.4 × 10⁻¹²", "< 10⁻³⁰⁰", "–"]
-    assert [campaign_page.duration(s) for s in (47.0, 930.0, 12000.0)] == [
+    assert [duration(s) for s in (47.0, 930.0, 12000.0)] == [
         "47 s", "16 min", "3.33 h"]
 
 
@@ -570,29 +739,30 @@ def test_probability_and_duration_format():
 
 
 def test_critical_size_ratio():
-    assert figures.critical_size_ratio(0.1) == pytest.approx(1.4 * 0.1**0.48)
-    assert figures.critical_size_ratio([0.05, 0.2]) == pytest.approx([0.3324, 0.6466], 1e-3)
+    assert angle_figures.critical_size_ratio(0.1) == pytest.approx(1.4 * 0.1**0.48)
+    assert angle_figures.critical_size_ratio([0.05, 0.2]) == pytest.approx([0.3324, 0.6466], 1e-3)
 
 
 def test_volume_equivalent_diameter():
-    volume = np.pi / 6 * figures.volume_equivalent_diameter("biconcave", 3.91, 1.0) ** 3
+    volume = np.pi / 6 * angle_figures.volume_equivalent_diameter("biconcave", 3.91, 1.0) ** 3
     assert volume == pytest.approx(94.1, abs=0.1)  # µm³, Evans & Fung 1972
-    assert figures.volume_equivalent_diameter("sphere", 7.5, 0.3) == pytest.approx(15)
-    assert figures.volume_equivalent_diameter("ellipsoid", 4.0, 0.125) == pytest.approx(4)
+    assert angle_figures.volume_equivalent_diameter("sphere", 7.5, 0.3) == pytest.approx(15)
+    assert angle_figures.volume_equivalent_diameter("ellipsoid", 4.0, 0.125) == pytest.approx(4)
 
 
 def test_cumulated_row_shifts_of_a_full_bump_count_rows():
     run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "lateral_steps_um": [4.5] * 6}
-    assert figures.cumulated_row_shifts(run).tolist() == pytest.approx([0, 1, 2, 3, 4, 5, 6])
+    total = trajectory_figures.cumulated_row_shifts(run)
+    assert total.tolist() == pytest.approx([0, 1, 2, 3, 4, 5, 6])
 
 
 def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
     run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0,
            "release_gap_fraction": 0.5}  # fmt: skip
-    height, steps = figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
+    height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
     assert height.tolist() == pytest.approx([0.5] * 6) and steps.tolist() == pytest.approx([1] * 6)
     # Straight on, the pillars climb by a quarter of the gap per row.
-    height, steps = figures.row_map({**run, "lateral_steps_um": [0.0] * 9})
+    height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [0.0] * 9})
     expected = [0.5, 0.25, 0.0, -0.25, -0.5, -0.75, -1.0, 0.75, 0.5]
     assert (height - expected) % 2 == pytest.approx(0, abs=1e-9)
     assert ((-1 <= height) & (height <= 1)).all() and not steps.any()
@@ -605,7 +775,7 @@ def test_row_maps_show_every_row_of_every_run():
     runs = [{**row, "run_id": "a", "lateral_steps_um": steps},
             {**row, "run_id": "b", "lateral_steps_um": steps[:2]},
             {**row, "run_id": "c", "gap_um": 20.0, "lateral_steps_um": steps}]  # fmt: skip
-    figure = figures.draw_row_maps(pd.DataFrame(runs))
+    figure = trajectory_figures.draw_row_maps(pd.DataFrame(runs))
     points = [[len(line.get_xdata()) for line in axes.lines[1:]] for axes in figure.axes]
     assert points == [[3, 2], [3]]
 
@@ -614,14 +784,14 @@ def test_gap_height_is_constant_when_the_cell_follows_the_rows():
     run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0}
     x = np.linspace(12.0, 300.0, 500)
     track = pd.DataFrame({"x_um": x, "y_um": 9.0 + 4.5 + 4.5 * x / 36.0})
-    rows, heights = figures.gap_heights(track, run)
+    rows, heights = trajectory_figures.gap_heights(track, run)
     assert rows.tolist() == list(range(1, 9))
     assert heights == pytest.approx(np.full(8, 0.25))
 
 
 def test_pillars_stand_on_the_shifted_lattice():
     run = {"pitch_um": 30.0, "row_shift_fraction": 0.2, "pillar_radius_um": 5.0}
-    centres = figures.pillars_in(run, (-1.0, 61.0), (0.0, 40.0))
+    centres = trajectory_figures.pillars_in(run, (-1.0, 61.0), (0.0, 40.0))
     rows = np.round(centres[:, 0] / 30.0)
     lanes = (centres[:, 1] - 6.0 * rows) / 30.0
     assert centres[:, 0] == pytest.approx(30.0 * rows) and lanes == pytest.approx(np.round(lanes))
@@ -631,11 +801,11 @@ def test_pillars_stand_on_the_shifted_lattice():
 
 def test_picked_trajectories_show_each_mode_and_prefer_settled_runs(campaign):
     runs = campaign[0]["runs"]
-    picked = dict(figures.pick_trajectories(runs))
+    picked = dict(trajectory_figures.pick_trajectories(runs))
     for mode in ("bump", "zigzag"):
         [run_id] = picked[f"{mode} mode"]
         run = runs.set_index("run_id").loc[run_id]
-        assert run["mode"] == mode and run["status"] in figures.SETTLED
+        assert run["mode"] == mode and run["status"] in SETTLED
 
 
 @pytest.mark.parametrize("status", ["converged", "undecided"])
@@ -647,7 +817,8 @@ def test_sets_are_shown_to_part_only_if_settled_from_every_place(status):
          "status": status if (name, place) == ("5", 0.2) else "periodic"}
         for name, mode, angle in (("1", "bump", 5.71), ("5", "mixed", 1.0)) for place in (0.5, 0.2)
     ])  # fmt: skip
-    pairs = [ids for heading, ids in figures.pick_trajectories(runs) if "apart" in heading]
+    picked = trajectory_figures.pick_trajectories(runs)
+    pairs = [ids for heading, ids in picked if "apart" in heading]
     assert pairs == ([["s1_y0.5", "s5_y0.5"]] if status == "converged" else [])
 
 
@@ -655,17 +826,17 @@ def test_trajectory_panel_shows_a_period_in_true_proportion(campaign):
     tables, _ = campaign
     runs, tracks = tables["runs"], tables["trajectory"]
     run = runs[runs["mode"] == "bump"].iloc[0]
-    panel = figures.trajectory_panel("bump", [run["run_id"]], runs, tracks)
+    panel = trajectory_figures.trajectory_panel("bump", [run["run_id"]], runs, tracks)
     assert np.ptp(panel.paths[0]["x"]) >= run["periodicity"] * run["pitch_um"]
-    axes = figures.draw_trajectories([panel]).axes[0]
+    axes = trajectory_figures.draw_trajectories([panel]).axes[0]
     box = axes.get_window_extent()
     scale = box.width / np.ptp(panel.xlim) / (box.height / np.ptp(panel.ylim))
     assert scale == pytest.approx(1, rel=1e-3)
 
 
 def test_mode_points_place_outcomes_against_the_critical_diameter(campaign):
-    points = figures.mode_points(campaign[0]["outcomes"], 1.0)
-    assert len(points) == len(figures.measured(campaign[0]["outcomes"]))
+    points = angle_figures.mode_points(campaign[0]["outcomes"], 1.0)
+    assert len(points) == len(style.measured(campaign[0]["outcomes"]))
     run = points.iloc[0]
     law = 1.4 * run["gap_um"] * run["periodicity"] ** -0.48
     assert run["size_over_critical"] == pytest.approx(run["size_um"] / law)
@@ -677,7 +848,7 @@ def test_pooled_scores():
         "observed_deg": [0.0, 2.0, 4.0, 6.0, 1.0, 3.0],
         "predicted_deg": [1.0, 1.0, 5.0, 5.0, 1.5, 3.5],
     })  # fmt: skip
-    scores = analysis_figures.pooled_scores(predictions).set_index("model")
+    scores = surrogate_figures.pooled_scores(predictions).set_index("model")
     assert list(scores.index) == ["B", "A"]  # best by geometry first
     assert scores.loc["A", ["rmse_deg", "mae_deg", "r2"]].tolist() == pytest.approx([1, 1, 0.8])
     assert scores.loc["B", "rmse_deg"] == pytest.approx(0.5)
@@ -686,7 +857,7 @@ def test_pooled_scores():
 def test_correlation_matrix_is_symmetric():
     pairs = pd.DataFrame({
         "variable_a": ["x", "x"], "variable_b": ["y", "z"], "pearson_r": [0.5, None]})
-    matrix = analysis_figures.correlation_matrix(pairs)
+    matrix = calibration_figures.correlation_matrix(pairs)
     assert matrix.loc["y", "x"] == matrix.loc["x", "y"] == 0.5
     assert matrix.loc["z", "z"] == 1 and np.isnan(matrix.loc["y", "z"])
 
@@ -694,14 +865,14 @@ def test_correlation_matrix_is_symmetric():
 def test_angles_of_an_aliased_sweep_are_drawn_against_periodicity():
     rng = np.random.default_rng(0)
     rows = [make_run(r, r + 10, n, s, rng)[0] for r in (4.0, 8.0) for n in (4, 8) for s in SETS]
-    figure = figures.draw_angles(pd.DataFrame([make_outcome([row]) for row in rows]))
+    figure = angle_figures.draw_angles(pd.DataFrame([make_outcome([row]) for row in rows]))
     assert [axes.get_xlabel() for axes in figure.axes] == ["periodicity $N_p$"] * 2
 
 
 def test_equal_figures_give_equal_files(campaign):
-    scores = analysis_figures.pooled_scores(campaign[0]["predictions"])
+    scores = surrogate_figures.pooled_scores(campaign[0]["predictions"])
     first, second = (
-        figures.render(analysis_figures.draw_benchmark(scores, campaign[0]["benchmark"]), "svg")
+        style.render(surrogate_figures.draw_benchmark(scores, campaign[0]["benchmark"]), "svg")
         for _ in range(2)
     )
     assert first == second
@@ -717,6 +888,6 @@ def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(campaign):
     whole = trajectories[trajectories["run_id"] == short]
     cut = whole["x_um"].min() + 0.2 * np.ptp(whole["x_um"])
     kept = (trajectories["run_id"] != short) | (trajectories["x_um"] <= cut)
-    panel = figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
+    panel = trajectory_figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
     assert all(len(path["x"]) > 1 for path in panel.paths)
     assert all(path["x"].max() <= cut for path in panel.paths)

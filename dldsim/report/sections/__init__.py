@@ -1,0 +1,1 @@
+"""Chapters of the report: each takes the page and returns what its template shows."""
