@@ -4,7 +4,8 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 
-from dldsim.config.sections import CellShape, DesignRequest, Flow
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.sections import CellShape, Flow
 from dldsim.design.export import passage_label
 from dldsim.report import design_figures
 from dldsim.report.design_page import write_report
