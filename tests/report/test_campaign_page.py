@@ -599,10 +599,11 @@ def test_a_report_is_made_of_what_there_is(tmp_path, blank_figures):
     tables = make_design_tables("first")
     for kind in ("designs", "design_trials"):
         write_table(kind, tables[kind], tmp_path / TABLES[kind][0], PROVENANCE)
+    told = [{"request": "first", "status": "answered", "reason": ""},
+            {"request": "second", "status": "failed", "reason": "second: no array is feasible"}]
+    write_table("design_requests", told, tmp_path / TABLES["design_requests"][0], PROVENANCE)
     (tmp_path / "anova.parquet").write_bytes(b"PAR1 cut short")
     (tmp_path / "surrogate_card.json").write_text("{")
-    (tmp_path / "logs").mkdir()
-    (tmp_path / "logs" / "designs.log").write_text("searching\nsecond: no array is feasible\n")
     os.utime(tmp_path / "designs.parquet", (1, 1))
     config = {**CONFIG, "design_requests": [{"name": "first"}, {"name": "second"}]}
     campaign_page.make_report(tmp_path, tmp_path / "report.html", config)

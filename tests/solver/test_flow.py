@@ -330,7 +330,6 @@ DAMAGE = {
     "flipped byte": lambda path, content: path.write_bytes(
         content[:-3000] + bytes([content[-3000] ^ 255]) + content[-2999:]
     ),
-    "missing": lambda path, content: path.unlink(),
 }
 
 
@@ -341,6 +340,12 @@ def test_damaged_and_foreign_flow_files_are_refused(small_flow, tmp_path, damage
     DAMAGE[damage](path, path.read_bytes())
     with pytest.raises(DldsimError, match="flow.npz.*Delete it"):
         EmptyFlow.load(path)
+
+
+def test_a_missing_flow_file_is_not_called_damaged(tmp_path):
+    with pytest.raises(DldsimError, match="flow.npz cannot be read: No such file") as caught:
+        EmptyFlow.load(tmp_path / "flow.npz")
+    assert "Delete" not in str(caught.value)
 
 
 def test_flow_file_of_other_physics_is_refused(small_flow, tmp_path, monkeypatch):
