@@ -161,12 +161,13 @@ def _failed(geometry: Geometry, population: Population, height_um: float, reason
 def _finer_runs(
     task: Task, pairs: Mapping[int, dict], populations, simulate, count: int, say: Progress
 ) -> list[dict]:
-    """The best designs that part the cells once more, at a finer setting; fills `finer` of pairs.
+    """The best designs that part the cells, or may, once more at a finer setting.
 
+    Fills `finer` of pairs.
     Returns rows of `verifications`.
     """
     parting = [(array, pair) for array, pair in pairs.items() if pair["role"] == "design"
-               and parts(pair["rows"], pair["difference"]["sigma_num_deg"])]
+               and parts(pair["rows"], pair["difference"]["sigma_num_deg"]) is not False]
     parting.sort(key=lambda item: -abs(item[1]["difference"]["simulated_deg"]))
     height, records = task.chip.flow.height_um, []
     for array, pair in parting[:count]:

@@ -101,12 +101,18 @@ def towards(order: float, difference: float) -> float:
     return math.copysign(difference, difference * order)
 
 
+def open_mode(row: Mapping[str, Any]) -> bool:
+    """Whether the numerical uncertainty of a decided outcome reaches the other mode."""
+    return uncertainty.SPANS in (row.get("sigma_num_basis") or "")
+
+
 def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
     """Whether two outcomes part the cells from every place of release.
 
     Decided outcomes part if the angles differ by more than SIGMAS σ_num and by more than both
     spreads of the releases together. Where one is undecided, its bounds decide: they part the cells
-    if they do not overlap. None where they do overlap, or σ_num is not known.
+    if they do not overlap. None where they do overlap, where σ_num is not known, and where it is
+    too large because a mode is open: a finer setting can tell.
     """
     difference = difference_of(found)
     if difference is None or any(row["status"] not in ("decided", "undecided") for row in found):
@@ -116,7 +122,9 @@ def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
         return True if apart else None
     if abs(difference) <= sum(row["angle_spread_deg"] or 0.0 for row in found):
         return False
-    return None if sigma_deg is None else abs(difference) > SIGMAS * sigma_deg
+    if sigma_deg is None or abs(difference) > SIGMAS * sigma_deg:
+        return None if sigma_deg is None else True
+    return None if any(map(open_mode, found)) else False
 
 
 def separated(
@@ -124,15 +132,19 @@ def separated(
 ) -> bool | None:
     """Whether a design separates: at the campaign's setting and, in the same order, at a finer one.
 
-    None where that is open, or the finer setting was not simulated.
+    A mode that is open by σ_num is settled where the finer setting is decided and gives both cell
+    types the same modes. None where it stays open, or the finer setting was not simulated.
     """
     known = parts(found, sigma_deg)
-    if not known or finer is None:
+    if known is False or finer is None:
         return False if known is False else None
     same = parts(finer, sigma_deg)
-    if same and towards(difference_of(found), difference_of(finer)) < 0:
+    if same is not False and towards(difference_of(found), difference_of(finer)) < 0:
         return False
-    return same
+    both = zip(found, finer, strict=True)
+    if all({a["status"], b["status"]} == {"decided"} and a["mode"] == b["mode"] for a, b in both):
+        return abs(difference_of(finer)) > sum(row["angle_spread_deg"] or 0.0 for row in finer)
+    return same if known else None
 
 
 def design_verdict(
@@ -150,7 +162,8 @@ def design_verdict(
         words = (f"open: {abs(simulated):.2f}°, {_settings(finer)}, undecided" if separates is None
                  else f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}")
     elif separates is None and parts(found, sigma) is None:
-        why = _undecided(found) or "numerical uncertainty not studied"
+        why = _undecided(found) or ("numerical uncertainty not studied" if sigma is None else
+                                    f"near a transition, σ_num {sigma:.2f}° reaches another mode")
         words = f"open, {abs(simulated):.2f}°: {why}"
     elif separates is None:
         words = f"separates by {size} at this setting; not confirmed at a finer one"

@@ -140,7 +140,7 @@ def analyse_path(
     if rows < periodicity:
         return Migration(
             "undecided", f"only {rows} rows, fewer than one period of {periodicity}",
-            lateral_steps=steps, lateral_start=float(lateral[0]),
+            lateral_steps=steps, lateral_start=float(lateral[0]) if len(lateral) else 0.0,
         )  # fmt: skip
     m = steps * periodicity / pitch
     found = (

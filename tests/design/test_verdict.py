@@ -10,11 +10,13 @@ from dldsim.laws import whole_shift_spacing
 from dldsim.solver.pillars import next_finer
 
 
-def pair(first, second, spread=0.1, status="decided", spacing_um=1.1, lag=0.15):
-    return [{"migration_angle_deg": angle, "angle_spread_deg": spread, "status": status,
+def pair(first, second, spread=0.1, status="decided", spacing_um=1.1, lag=0.15, basis="modelled",
+         modes=("zigzag", "bump")):  # fmt: skip
+    return [{"migration_angle_deg": angle, "sigma_num_basis": basis, "mode": mode,
+             "angle_spread_deg": spread, "status": status,
              "angle_low_deg": angle and angle - 0.2, "angle_high_deg": angle and angle + 0.2,
              "stop_reason": "why", "spacing_um": spacing_um, "lag_number": lag}
-            for angle in (first, second)]  # fmt: skip
+            for angle, mode in zip((first, second), modes, strict=True)]  # fmt: skip
 
 
 def verdict(found, sigma, finer):
@@ -57,6 +59,22 @@ def test_separating_needs_the_finer_setting_in_the_same_order():
     assert separated(found, 0.5, pair(5.2, 0.9)) is False
     assert separated(found, 0.5, None) is None
     assert separated(pair(1.0, 1.1), 0.5, None) is False
+
+
+def test_a_finer_setting_settles_a_mode_that_is_open_by_sigma_num():
+    near = pair(1.0, 7.1, basis="modelled: spans the modes, 0.6 σ from the transition")
+    assert parts(near, 3.6) is None and separated(near, 3.6, None) is None
+    assert verdict(near, 3.6, None).startswith(
+        "open, 6.10°: near a transition, σ_num 3.60° reaches another mode")
+    assert separated(near, 3.6, pair(0.9, 7.1)) is True
+    assert verdict(near, 3.6, pair(0.9, 7.1)).startswith("separates by 6.10 ± 3.60°")
+    # Not one that is undecided itself, of another mode, of another order, or within the spread.
+    assert separated(near, 3.6, pair(0.9, 7.1, status="undecided")) is None
+    assert separated(near, 3.6, pair(0.9, 7.1, modes=("zigzag", "mixed"))) is None
+    assert separated(near, 0.5, pair(7.1, 0.9, modes=("zigzag", "mixed"))) is False
+    assert separated(near, 3.6, pair(0.9, 7.1, spread=4.0)) is False
+    # Far from any transition σ_num is what it is.
+    assert separated(pair(1.0, 3.0), 1.1, pair(1.0, 3.0)) is False
 
 
 def test_the_verdict_says_which_settings_agreed():

@@ -106,6 +106,11 @@ def angle_of_mean(mean):
     return math.degrees(math.atan(mean / N))
 
 
+def test_a_path_that_ends_before_the_first_plane_has_no_step():
+    found = analyse(np.array([]))
+    assert (found.status, len(found.lateral_steps)) == ("undecided", 0)
+
+
 # --------------------------------------------------------------------------------- with a bump lane
 
 
