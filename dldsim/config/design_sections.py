@@ -59,7 +59,8 @@ class Device(Section):
         return self
 
 
-Bounds = tuple[Annotated[float, Field(gt=0, le=1000)], Annotated[float, Field(gt=0, le=1000)]]
+Bound = Annotated[float, Field(gt=0, lt=1000)]
+Bounds = tuple[Bound, Bound]
 
 
 class DesignRequest(Section):
