@@ -30,7 +30,7 @@ bench: $(VENV)/installed
 	$(BIN)/python -m benchmarks
 
 schema: $(VENV)/installed
-	$(BIN)/python -m dldsim.config.sections workflow/schemas/config.schema.json
+	$(BIN)/python -m dldsim.config.schema workflow/schemas/config.schema.json
 
 data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
 	$(BIN)/python -m dldsim.design.finished_campaign results

@@ -31,7 +31,7 @@ for each in workflow.rules:
 
 
 onstart:
-    campaign.write_stamp(Path(RESULTS))
+    write_stamp(Path(RESULTS))
 
 
 onerror:

@@ -24,10 +24,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dldsim.config import campaign
-from dldsim.config.sections import Config, Geometry, read_config
-from dldsim.solver.lattice import viscosity
+from dldsim.config.configuration import Config
+from dldsim.config.presets import read_config
+from dldsim.config.sections import Geometry
+from dldsim.laws import viscosity, whole_shift_spacing
 from dldsim.solver.mesh import area, frequency_for_edge, make_shape
-from dldsim.solver.pillars import whole_shift_spacing
 from dldsim.tables.parquet import read_rows
 
 CONFIG = Path(__file__).parents[1] / "config.yaml"

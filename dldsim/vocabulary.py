@@ -1,4 +1,11 @@
-"""Words that several floors share."""
+"""Words that several floors share: statuses, modes, and names of groups of columns."""
 
 SETTLED = ("converged", "periodic", "stationary")
 """Statuses of a motion whose angle is known."""
+DECIDED = ("decided", "coexisting")
+"""Statuses of an outcome whose releases have all settled."""
+BROKEN = ("stuck", "unstable", "failed")
+"""Statuses of a run that broke off, and of an outcome without an angle."""
+MODES = ("bump", "mixed", "zigzag", "none")
+GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
+"""The columns, and settings, that name an array."""

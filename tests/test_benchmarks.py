@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from dldsim.config import campaign
-from dldsim.config.sections import Cell, Flow, Numerics, read_config
+from dldsim.config.presets import read_config
+from dldsim.config.sections import Cell, Flow, Numerics
 from dldsim.experiments.array_run import make_scene
 from dldsim.solver.flow import solve_empty_array
 from dldsim.solver.pillars import make_array

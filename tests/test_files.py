@@ -6,6 +6,7 @@ import os
 import pytest
 
 from dldsim.config import campaign
+from dldsim.config.provenance import write_stamp
 from dldsim.errors import DldsimError
 from dldsim.files import atomic_path, why_not_read, why_not_written
 from dldsim.report import campaign_page
@@ -26,7 +27,7 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path):
 
 @pytest.mark.parametrize("write", [
     lambda folder: campaign.record_crash(folder, "a", "no memory"),
-    lambda folder: campaign.write_stamp(folder),
+    lambda folder: write_stamp(folder),
     lambda folder: campaign.check_writable(folder),
 ])
 def test_a_full_disk_leaves_no_part_behind(write, tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ FLOORS = [
     "dldsim.errors",
     "dldsim.vocabulary",
     "dldsim.files",
+    "dldsim.laws",
     "dldsim.config",
     "dldsim.tables",
     "dldsim.solver",
@@ -37,8 +38,11 @@ LIGHT = {
     "dldsim.errors",
     "dldsim.vocabulary",
     "dldsim.files",
-    "dldsim.config.sections",
-    "dldsim.config.campaign",
+    "dldsim.laws",
+    *(f"dldsim.config.{name}" for name in (
+        "sections", "design_sections", "study_sections", "configuration", "presets", "explain",
+        "feasibility", "limits", "yaml_files", "schema", "identifiers", "provenance", "campaign",
+    )),
     "dldsim.analysis.uncertainty",
     "dldsim.evidence.accuracy",
     "dldsim.evidence.reference",
@@ -154,7 +158,7 @@ def test_a_fault_is_found(path, text, fault, tmp_path):
     for floor in FLOORS[4:-1]:
         (tmp_path / "dldsim" / floor.split(".")[1]).mkdir(parents=True)
         (tmp_path / "dldsim" / floor.split(".")[1] / "__init__.py").write_text("")
-    for name in ("__init__", "__main__", "errors", "vocabulary", "files", "tables/parquet",
+    for name in ("__init__", "__main__", "errors", "vocabulary", "files", "laws", "tables/parquet",
                  "app/web"):
         (tmp_path / "dldsim" / f"{name}.py").write_text("")
     lattice = tmp_path / "dldsim" / "solver" / "lattice.py"

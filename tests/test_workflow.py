@@ -31,7 +31,9 @@ from snakemake.settings.types import (
 )
 
 from dldsim.config import campaign
-from dldsim.config.sections import Config, read_config
+from dldsim.config.configuration import Config
+from dldsim.config.presets import read_config
+from dldsim.config.provenance import STAMP, settings_hash, stamp
 from dldsim.errors import DldsimError
 from dldsim.evidence import reference_study
 from dldsim.tables.parquet import METADATA_KEY, read_rows
@@ -138,7 +140,7 @@ def finished(tmp_path_factory):
     for job in plan(folder, "all", config=TINY).jobs:
         for file in job.output:
             write_shell(folder / file, job.params.get("settings"))
-    (folder / "results" / campaign.STAMP).write_text(json.dumps(campaign.stamp()))
+    (folder / "results" / STAMP).write_text(json.dumps(stamp()))
     touch(folder, "all", config=TINY)
     assert planned(folder, "all", config=TINY) == {}
     return folder
@@ -147,7 +149,7 @@ def finished(tmp_path_factory):
 def write_shell(path, settings):
     """An output without content."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    about = {"config_hash": campaign.settings_hash(settings or {}), "settings": settings}
+    about = {"config_hash": settings_hash(settings or {}), "settings": settings}
     if path.parent.name == "designs":  # an output that is a folder
         path.mkdir(exist_ok=True)
     elif path.suffix == ".parquet":
@@ -330,7 +332,7 @@ CHANGES = {
     "verification": "verification={rounds: 2}", "device": "device={array_width_mm: 3}",
     "fabrication": "fabrication={moved_deg: 0.7}",
     "accuracy": "accuracy={migration_angle: {long_rows: 90}}",
-    "reference": "reference={releases: [0.2, 0.5]}",
+    "reference": "reference={releases: [0.2, 0.5]}", "limits": "limits={memory_GB: 15}",
 }  # fmt: skip
 
 
@@ -438,7 +440,7 @@ def test_a_crash_is_tried_again_once_per_start(finished):
 
 
 def test_results_of_other_physics_are_refused(finished):
-    stamp = finished / "results" / campaign.STAMP
+    stamp = finished / "results" / STAMP
     ours = stamp.read_text()
     try:
         stamp.write_text('{"dldsim_version": "0.0.1", "physics_version": -1}')
@@ -470,7 +472,8 @@ def test_a_folder_that_cannot_be_written_is_refused_before_any_job(place, tmp_pa
 @pytest.mark.parametrize(
     ("change", "part"),
     [("preset=papr", "Did you mean paper?"), ("flow={heigth_um: 3}", "Did you mean height_um?"),
-     ("sweep={gap_um: []}", "sweep.gap_um"),
+     ("sweep={gap_um: []}", "sweep.gap_um"), ("preset=", "preset: no value is given"),
+     ("numerics={rows: 100}", "numerics.rows = 100"),
      ("cell={release_gap_fraction: 0.3}", "run_control.release_gap_fractions")],
 )
 def test_bad_configuration_is_told(tmp_path, change, part):
@@ -510,6 +513,21 @@ def test_without_a_home_caches_lie_beside_the_environment(home, beside, tmp_path
         text=True, check=True,
     ).stdout.strip()  # fmt: skip
     assert (said == f"{tmp_path}/.venv/cache") == beside
+
+
+def test_files_are_read_as_they_stand(tmp_path):
+    """Snakemake's own reader would keep the last of two keys, and make 90 of 1:30."""
+    folder = copy_workflow(tmp_path)
+    extra = folder / "extra.yaml"
+    extra.write_text("flow: {height_um: 20}\nflow: {height_um: 24}\n")
+    argv = ("-n", "all", "--configfile", str(extra))
+    done = snakemake(folder, *argv, check=False)
+    assert "extra.yaml is not valid YAML, line 2" in done.stdout + done.stderr
+    extra.write_text("flow: {height_um: 1:30}\n")
+    done = snakemake(folder, *argv, check=False)
+    assert "flow.height_um" in done.stdout + done.stderr and "'1:30'" in done.stdout + done.stderr
+    extra.write_text("limits: {run_hours: 1}\nnumerics: {spacing_um: 2}\n")
+    assert snakemake(folder, *argv).returncode == 0
 
 
 @pytest.mark.campaign

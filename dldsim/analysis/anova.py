@@ -17,7 +17,6 @@ import pandas as pd
 from dldsim.analysis.design_matrix import (
     ANGLE,
     DEFORMATION,
-    GEOMETRY,
     Term,
     aliased,
     label,
@@ -27,6 +26,7 @@ from dldsim.analysis.design_matrix import (
 from dldsim.analysis.permutation import permutation
 from dldsim.errors import DldsimError
 from dldsim.tables.user_table import as_keys, as_numbers, check_plausible, need
+from dldsim.vocabulary import GEOMETRY
 
 NEEDED = [*GEOMETRY, DEFORMATION, ANGLE]
 CONDITIONS = ["cell_radius_um", "cell_shape", "height_um", "mean_velocity_mm_s"]

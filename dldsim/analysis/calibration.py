@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dldsim.config.campaign import GROUP_VELOCITY
+from dldsim.config.identifiers import GROUP_VELOCITY
 from dldsim.errors import DldsimError
 from dldsim.tables.user_table import PLAUSIBLE, as_keys, as_numbers, check_plausible
 
@@ -106,12 +106,13 @@ def join_deformation_index(outcomes: pd.DataFrame, calibration: pd.DataFrame) ->
     wanted = as_keys(outcomes["stiffness_set"])
     missing = sorted(set(wanted.fillna("")) - set(names))
     if missing:
+        calibrated = ", ".join(sorted(names)) or "none"
         raise DldsimError(
             "Calibration: no constriction group calibrates stiffness set "
-            f"{', '.join(name or '(none named)' for name in missing)} "
-            f"(calibrated: {', '.join(sorted(names)) or 'none'}). Name one of "
-            "these, or calibrate the set (constriction_groups of a campaign)."
-        )
+            f"{', '.join(name or '(none named)' for name in missing)} (calibrated: {calibrated}).",
+            key="stiffness_set", value=missing, allowed=calibrated,
+            remedy="Name one of these, or calibrate the set (constriction_groups of a campaign).",
+        )  # fmt: skip
     by_set = named.set_index(names)
     return outcomes.assign(
         **{name: wanted.map(by_set[name]).astype(float)
@@ -121,7 +122,7 @@ def join_deformation_index(outcomes: pd.DataFrame, calibration: pd.DataFrame) ->
 
 def stiffness_for(
     deformation_index: float, calibration: pd.DataFrame, error: float = 0.0,
-    design: str = GROUP_VELOCITY,
+    design: str = GROUP_VELOCITY, *, key: str = DEFORMATION,
 ) -> dict[str, Any]:
     """Moduli and calibration velocity of a cell with this deformation index, ± `error`.
 
@@ -133,7 +134,8 @@ def stiffness_for(
     about stiffness without it.
 
     Where the curve takes the index more than once but all of it lies in one unbroken interval, the
-    middle of those stiffnesses is meant. Raises DldsimError outside the calibrated range, for an
+    middle of those stiffnesses is meant. `key`: name of the index in the input, for errors. Raises
+    DldsimError outside the calibrated range, for an
     unknown design, and where separate stiffnesses belong to the index.
     """
     _check_columns(calibration, ["design", "group", *SETTINGS, DEFORMATION,
@@ -145,7 +147,9 @@ def stiffness_for(
     calibration = calibration.assign(**numbers)
     known = calibration["design"].unique()
     if design not in known:
-        raise DldsimError(f"Calibration: no design {design!r} (calibrated: {', '.join(known)}).")
+        calibrated = ", ".join(known)
+        raise DldsimError(f"Calibration: no design {design!r} (calibrated: {calibrated}).",
+                          key="design", value=design, allowed=calibrated)
     curve = calibration[calibration["design"] == design].dropna(subset=[DEFORMATION])
     curve = curve.sort_values("ks_uN_per_m", kind="stable")
     index = curve[DEFORMATION].to_numpy(float)
@@ -156,13 +160,17 @@ def stiffness_for(
         )
     low, high = index.min(), index.max()
     if not (math.isfinite(deformation_index) and low <= deformation_index <= high):
+        allowed = f"{low:.4g} to {high:.4g}"
         raise DldsimError(
-            f"deformation_index {deformation_index:g} is outside the calibrated range "
-            f"{low:.4g} to {high:.4g} of design {design}. Choose one inside, or add constriction "
-            "groups beyond it."
-        )
+            f"{key} = {deformation_index:g} is outside the calibrated range {allowed} of design "
+            f"{design}.", key=key, value=deformation_index, allowed=allowed,
+            remedy="Choose one inside, or add constriction groups beyond it.",
+        )  # fmt: skip
     if not (math.isfinite(error) and error >= 0):
-        raise DldsimError(f"The error of a deformation index must be 0 or more, got {error:g}.")
+        raise DldsimError(
+            f"The error of a deformation index must be 0 or more, got {error:g}.", key="error",
+            value=error, allowed="0 or more",
+        )  # fmt: skip
     places = np.arange(len(index))
     dense = np.linspace(0, places[-1], places[-1] * CURVE_STEPS + 1)
     spread = curve["deformation_index_std"].fillna(0.0).to_numpy(float)
@@ -179,10 +187,11 @@ def stiffness_for(
     ):
         found = ", ".join(f"{np.interp(p, places, curve['ks_uN_per_m']):.4g}" for p in exact)
         raise DldsimError(
-            f"deformation_index {deformation_index:g} belongs to {len(exact)} stiffnesses, k_s = "
-            f"{found} µN/m: the calibration curve of design {design} is not monotone there. Choose "
-            "the stiffness directly."
-        )
+            f"{key} = {deformation_index:g} belongs to {len(exact)} stiffnesses, k_s = {found} "
+            f"µN/m: the calibration curve of design {design} is not monotone there.", key=key,
+            value=deformation_index, allowed="where the calibration curve is monotone",
+            remedy="Choose the stiffness directly.",
+        )  # fmt: skip
     place = (exact[0] + exact[-1]) / 2
     ends = [min(place, dense[first] if possible.size else place),
             max(place, dense[last] if possible.size else place)]

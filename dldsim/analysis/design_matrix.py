@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 DEFORMATION = "deformation_index"
 ANGLE = "migration_angle_deg"
 

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.design_matrix import ANGLE, DEFORMATION, GEOMETRY, Term, basis, label, width
+from dldsim.analysis.design_matrix import ANGLE, DEFORMATION, Term, basis, label, width
+from dldsim.vocabulary import GEOMETRY
 
 PERMUTATIONS = 999
 FEWEST = 99

@@ -17,14 +17,14 @@ from scipy.optimize import least_squares
 from scipy.special import logit
 
 from dldsim.errors import DldsimError
-from dldsim.experiments.migration import DECIDED
+from dldsim.laws import critical_diameter
+from dldsim.vocabulary import DECIDED, GEOMETRY
 
 FEATURES = [
     "log_size_over_critical_diameter", "log_confinement", "log_periodicity",
     "log_pillar_radius_over_cell_radius", "log_gap_over_pillar_diameter", "deformation_index",
     "bump_angle_deg",
 ]
-GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 INPUTS = [*GEOMETRY, "deformation_index", "cell_radius_um"]
 ANGLE = "migration_angle_deg"
 CONDITIONS = ["cell_shape", "height_um", "mean_velocity_mm_s"]
@@ -46,11 +46,6 @@ LEAST_SHARE = 1e-4
 """Shares nearer to 0 or 1 start the trees from there: the logarithm of the odds must be finite."""
 
 
-def critical_diameter_um(gap_um, periodicity):
-    """D_c = 1.4 P_g ε^0.48 of rigid spheres [µm] (Davis's empirical fit; Inglis et al. 2006)."""
-    return 1.4 * gap_um * (1 / periodicity) ** 0.48
-
-
 def features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
     """Features of outcomes, shape (n, len(FEATURES)); the arguments are broadcast to one length.
 
@@ -69,7 +64,7 @@ def features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radi
         if name != "deformation_index" and (values <= 0).any():
             raise DldsimError(f"Surrogate: {name} must be positive, got {values.min():g}.")
     return np.column_stack([
-        np.log(2 * cell / critical_diameter_um(gap, rows)), np.log(2 * cell / gap), np.log(rows),
+        np.log(2 * cell / critical_diameter(gap, 1 / rows)), np.log(2 * cell / gap), np.log(rows),
         np.log(radius / cell), np.log(gap / (2 * radius)), index, np.degrees(np.arctan(1 / rows)),
     ])
 

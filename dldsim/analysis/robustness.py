@@ -3,8 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.design_matrix import ANGLE, GEOMETRY
+from dldsim.analysis.design_matrix import ANGLE
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 
 ROBUST_SHARE = 0.15
 

@@ -14,7 +14,6 @@ from dldsim.analysis.anova import share_of_bump, usable
 from dldsim.analysis.regressors import (
     ANGLE,
     CONDITIONS,
-    GEOMETRY,
     INPUTS,
     angle_of,
     learnable,
@@ -25,6 +24,7 @@ from dldsim.analysis.surrogate import Surrogate, fit
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import BUMP_FROM, ZIGZAG_TO
 from dldsim.tables.user_table import as_numbers, check_plausible
+from dldsim.vocabulary import GEOMETRY
 
 DEFORMATION = "deformation_index"
 SOBOL_POINTS = 1024

@@ -25,7 +25,6 @@ from dldsim.analysis.regressors import (
     CONDITIONS,
     FEATURES,
     FOLDS,
-    GEOMETRY,
     INPUTS,
     SURROGATE,
     CriticalDiameterRule,
@@ -43,8 +42,9 @@ from dldsim.analysis.regressors import (
     tune,
 )
 from dldsim.errors import DldsimError
-from dldsim.experiments.migration import DECIDED, mode_of
-from dldsim.tables.parquet import atomic_path
+from dldsim.experiments.migration import mode_of
+from dldsim.files import atomic_path
+from dldsim.vocabulary import DECIDED, GEOMETRY
 
 if TYPE_CHECKING:
     from xgboost import Booster

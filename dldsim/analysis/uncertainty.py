@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.config.campaign import settings_hash
+from dldsim.config.provenance import settings_hash
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import SETTLED
 

@@ -9,17 +9,9 @@ import pandas as pd
 
 from dldsim.analysis import surrogate
 from dldsim.analysis.calibration import join_deformation_index
-from dldsim.config import campaign
-from dldsim.config.campaign import provenance
-from dldsim.config.sections import (
-    CellShape,
-    DesignRequest,
-    Flow,
-    Numerics,
-    RunControl,
-    Stiffness,
-    Verification,
-)
+from dldsim.config.design_sections import DesignRequest, Verification
+from dldsim.config.provenance import derive_seed, provenance
+from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
 from dldsim.design.chip import Chip
 from dldsim.design.export import export_design
 from dldsim.design.finished_campaign import Campaign
@@ -43,8 +35,22 @@ def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | Non
     names = [n for n in (request.stiffness_set_1, request.stiffness_set_2) if n is not None]
     index, spread = {}, {}
     if names:
+        keys = [f"stiffness_set_{i}" for i in "12" if getattr(request, f"stiffness_set_{i}")]
         if calibration is None:
-            raise DldsimError(f"design request {request.name}: stiffness sets need a calibration.")
+            raise DldsimError(
+                f"design request {request.name}: stiffness sets need a calibration.", key=keys,
+                value=names, allowed="deformation_index_1 and deformation_index_2",
+                remedy="Name the cell types by these, or add the table calibration.",
+            )  # fmt: skip
+        known = sorted({str(n) for n in calibration["stiffness_set"].dropna() if n})
+        for key in keys:
+            if (name := getattr(request, key)) not in known:
+                raise DldsimError(
+                    f"{key}: no constriction group calibrates stiffness set {name} (calibrated: "
+                    f"{', '.join(known) or 'none'}).", key=key, value=name,
+                    allowed=", ".join(known), remedy="Name a calibrated one, or add a group with "
+                    "that stiffness_set to constriction_groups.",
+                )  # fmt: skip
         joined = join_deformation_index(pd.DataFrame({"stiffness_set": names}), calibration)
         for name, mean, std in joined[
             ["stiffness_set", "deformation_index", "deformation_index_std"]].to_numpy():
@@ -78,7 +84,7 @@ def verify_request(
     simulator = Simulator(work, scene, progress)
     verdicts = verify(
         model, tables["outcomes"], resolved, chip, budget, populations, simulator,
-        campaign.derive_seed(settings["seed"], f"verify/{request.name}"),
+        derive_seed(settings["seed"], f"verify/{request.name}"),
         resistance=simulator.resistance, progress=progress,
     )  # fmt: skip
     Path(files).mkdir(parents=True, exist_ok=True)
@@ -111,7 +117,7 @@ def make_designs(
     """
     resolved = by_deformation_index(request, known.tables.get("calibration"))
     found = search(known.model, resolved, known.chip,
-                   campaign.derive_seed(seed, f"design/{request.name}"), each)
+                   derive_seed(seed, f"design/{request.name}"), each)
     settings = {
         **known.settings, "seed": seed, "verification": budget.model_dump(),
         "design_requests": [request.model_dump()],

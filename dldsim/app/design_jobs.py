@@ -8,16 +8,16 @@ import pandas as pd
 
 from dldsim.analysis import surrogate
 from dldsim.app.design_answers import SEARCH, by_deformation_index, verify_request
-from dldsim.config import campaign
-from dldsim.config.campaign import provenance
-from dldsim.config.sections import DesignRequest
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.provenance import derive_seed, provenance
 from dldsim.design.chip import Chip
 from dldsim.design.finished_campaign import make_chip
 from dldsim.design.search import regret, search
 from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
-from dldsim.tables.parquet import COLUMNS, read_many, read_table, write_csv, write_table
+from dldsim.tables.parquet import read_many, read_table, write_csv, write_table
+from dldsim.tables.registry import COLUMNS
 
 
 class Inputs(NamedTuple):
@@ -60,7 +60,7 @@ def design_job(
     inputs = _inputs(settings, **paths)
     found, requests = each_request(inputs, lambda asked, resolved: search(
         inputs.model, resolved, inputs.chip,
-        campaign.derive_seed(settings["seed"], f"design/{asked.name}")))
+        derive_seed(settings["seed"], f"design/{asked.name}")))
     kinds = zip(*found, strict=True) if found else map(lambda kind: [_empty(kind)], SEARCH)
     content = {kind: pd.concat(map(pd.DataFrame, parts), ignore_index=True)
                for kind, parts in zip(SEARCH, kinds, strict=True)}
@@ -82,7 +82,7 @@ def regret_job(settings: Mapping, *, table: Path, progress: Progress, **paths: P
     inputs = _inputs(settings, **paths)
     found, requests = each_request(inputs, lambda asked, resolved: regret(
         inputs.model, resolved, inputs.chip,
-        campaign.derive_seed(settings["seed"], f"regret/{asked.name}")))
+        derive_seed(settings["seed"], f"regret/{asked.name}")))
     _tell(requests, progress)
     kind = "search_regret"
     rows = pd.concat(found, ignore_index=True) if found else _empty(kind)
@@ -140,7 +140,7 @@ def gather_verified(
     ):  # fmt: skip
         write_table(kind, table, tables[kind], about)
         write_csv(kind, tables[kind])
-    seed = campaign.derive_seed(settings["seed"], "surrogate")
+    seed = derive_seed(settings["seed"], "surrogate")
     surrogate.fit(learnt, seed).save(model, card)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from dldsim.config.campaign import flattened, settings_hash
+from dldsim.config.provenance import flattened, settings_hash
 
 SHOWN = 3
 """Differing settings that are named; further ones are counted."""

@@ -15,8 +15,9 @@ from typing import TextIO
 
 import numpy as np
 
-from dldsim.config import campaign
-from dldsim.config.campaign import provenance
+from dldsim.config import campaign, identifiers
+from dldsim.config.configuration import sections_from
+from dldsim.config.provenance import provenance
 from dldsim.config.sections import (
     Cell,
     CellShape,
@@ -27,7 +28,6 @@ from dldsim.config.sections import (
     Numerics,
     RunControl,
     Stiffness,
-    sections_from,
 )
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
@@ -40,7 +40,8 @@ from dldsim.experiments.outcome_files import (
     write_outcome,
 )
 from dldsim.files import atomic_path, why_not_written
-from dldsim.tables.parquet import COLUMNS, read_rows, write_csv, write_table
+from dldsim.tables.parquet import read_rows, write_csv, write_table
+from dldsim.tables.registry import COLUMNS
 
 
 @contextlib.contextmanager
@@ -104,7 +105,7 @@ def _writer(log: TextIO) -> Progress:
 def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crashes: Path,
              progress: Progress) -> None:
     """Empty-array flow of one geometry: `flow` (.npz) and its row of `flows`."""
-    geometry = campaign.parse_geometry(identifier)
+    geometry = identifiers.parse_geometry(identifier)
 
     def simulate() -> None:
         from dldsim.solver.flow import solve_empty_array
@@ -133,7 +134,7 @@ def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Pat
                 files: OutcomeFiles, partial: Path, crashes: Path, progress: Progress) -> None:
     """One outcome of the campaign: as many releases as it takes; finished ones wait in `partial`.
     """
-    pair = campaign.parse_outcome(identifier)
+    pair = identifiers.parse_outcome(identifier)
     control = RunControl(**settings["run_control"])
     sections = (pair.geometry, Stiffness(**settings["stiffness"]), CellShape(**settings["cell"]),
                 Flow(**settings["flow"]), Numerics(**settings["numerics"]))
@@ -240,7 +241,7 @@ def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
 def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,
                      crashes: Path, progress: Progress) -> None:
     """One constriction run: `row` of `constriction_runs`, and its `trajectory`."""
-    name, _, design = campaign.parse_constriction(identifier)
+    name, _, design = identifiers.parse_constriction(identifier)
     group = ConstrictionGroup(**settings["group"])
     channel = Constriction(**settings["constriction"])
     release = settings["release_position_um"]
@@ -275,7 +276,7 @@ def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dic
         "stiffness_set": group.stiffness_set or "",
         **group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"}),
         "velocity_mm_s": group.velocity_mm_s,
-        "design": campaign.GROUP_VELOCITY,
+        "design": identifiers.GROUP_VELOCITY,
         "release_position_um": settings["release_position_um"],
     }
 

@@ -11,16 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from dldsim.analysis import uncertainty
-from dldsim.config.campaign import Pair, outcome_id, parse_outcome, provenance
-from dldsim.config.sections import (
-    CellShape,
-    Flow,
-    Geometry,
-    Numerics,
-    RunControl,
-    Stiffness,
-    sections_from,
-)
+from dldsim.config.configuration import sections_from
+from dldsim.config.identifiers import Pair, outcome_id, parse_outcome
+from dldsim.config.provenance import provenance
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.evidence import reference_study, spot_check
 from dldsim.evidence.reference_study import CAMPAIGN, Row
 from dldsim.experiments.outcome_files import NOT_JOINED, Partial, Progress

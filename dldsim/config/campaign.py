@@ -1,110 +1,29 @@
-"""What a campaign consists of: identifiers, geometries, outcomes, seeds, crash records.
+"""What a campaign consists of: geometries, outcomes, crash records, closing sentence.
 
 Rule files import this module in every job, so it imports nothing heavy.
 """
 
 import csv
-import hashlib
-import json
 import os
-import re
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
 
-from dldsim import PHYSICS_VERSION, __version__
-from dldsim.config.sections import Config, Geometry, check_gap, in_force, preset_of, validate
+from dldsim.config.configuration import Config
+from dldsim.config.feasibility import check_gap
+from dldsim.config.identifiers import (
+    FIXED_VELOCITY,
+    GROUP_VELOCITY,
+    Pair,
+    constriction_id,
+    geometry_id,
+    outcome_id,
+)
+from dldsim.config.sections import Geometry
 from dldsim.errors import DldsimError
 from dldsim.files import atomic_path, why_not_written
-
-GEOMETRY_PATTERN = r"r\d\d+\.\d+_g\d\d+\.\d+_n\d\d+"
-OUTCOME_PATTERN = GEOMETRY_PATTERN + r"_s[A-Za-z0-9-]+"
-RUN_PATTERN = OUTCOME_PATTERN + r"_y\d\.\d\d+"
-
-
-class Pair(NamedTuple):
-    """What an outcome is of: a geometry and the name of a stiffness set."""
-
-    geometry: Geometry
-    stiffness_set: str
-
-
-def _length(value: float) -> str:
-    """At least two digits before the point and one after it: tenths of µm sort like numbers."""
-    whole, decimals = f"{value:.3f}".split(".")
-    return f"{whole:0>2}.{decimals.rstrip('0') or '0'}"
-
-
-def _format(geometry: Geometry) -> str:
-    radius, gap = _length(geometry.pillar_radius_um), _length(geometry.gap_um)
-    return f"r{radius}_g{gap}_n{geometry.periodicity:02d}"
-
-
-def geometry_id(geometry: Geometry) -> str:
-    """Identifier such as r06.0_g18.0_n08. Raises DldsimError for more than three decimals."""
-    text = _format(geometry)
-    if parse_geometry(text) != geometry:
-        raise DldsimError(
-            f"No identifier for pillar_radius_um = {geometry.pillar_radius_um!r}, gap_um = "
-            f"{geometry.gap_um!r}: lengths may have three decimals. Round them."
-        )
-    return text
-
-
-def parse_geometry(text: str) -> Geometry:
-    """The inverse of `geometry_id`."""
-    if re.fullmatch(GEOMETRY_PATTERN, text):
-        radius, gap, periodicity = (part[1:] for part in text.split("_"))
-        geometry = validate(Geometry, {
-            "pillar_radius_um": float(radius), "gap_um": float(gap), "periodicity": int(periodicity)
-        })
-        if _format(geometry) == text:
-            return geometry
-    raise DldsimError(f"{text!r} is not a geometry identifier such as r06.0_g18.0_n08.")
-
-
-def outcome_id(pair: Pair) -> str:
-    """Identifier such as r06.0_g18.0_n08_s3."""
-    if not re.fullmatch(r"[A-Za-z0-9-]+", pair.stiffness_set):
-        raise DldsimError(
-            f"Stiffness set {pair.stiffness_set!r}: a name has letters, digits and hyphens only."
-        )
-    return f"{geometry_id(pair.geometry)}_s{pair.stiffness_set}"
-
-
-def parse_outcome(text: str) -> Pair:
-    """The inverse of `outcome_id`."""
-    geometry, found, name = text.rpartition("_s")
-    if not found or not re.fullmatch(OUTCOME_PATTERN, text):
-        raise DldsimError(f"{text!r} is not an outcome identifier such as r06.0_g18.0_n08_s3.")
-    return Pair(parse_geometry(geometry), name)
-
-
-def run_id(outcome: str, release_gap_fraction: float) -> str:
-    """Identifier of one release of an outcome, such as r06.0_g18.0_n08_s3_y0.50.
-
-    Raises DldsimError for a place outside 0 to 1 or of more than three decimals.
-    """
-    whole, decimals = f"{release_gap_fraction:.3f}".split(".")
-    text = f"{whole}.{decimals[:2]}{decimals[2:].rstrip('0')}"
-    if not 0 <= release_gap_fraction <= 1 or float(text) != release_gap_fraction:
-        raise DldsimError(
-            f"No identifier for release_gap_fraction = {release_gap_fraction!r}: a place is 0 to "
-            "1, of at most three decimals. Round it."
-        )
-    return f"{outcome}_y{text}"
-
-
-def parse_run(text: str) -> tuple[str, float]:
-    """The inverse of `run_id`: outcome identifier and place of release."""
-    outcome, _, place = text.rpartition("_y")
-    if re.fullmatch(RUN_PATTERN, text) and float(place) <= 1:
-        parse_outcome(outcome)
-        if run_id(outcome, float(place)) == text:
-            return outcome, float(place)
-    raise DldsimError(f"{text!r} is not a run identifier such as r06.0_g18.0_n08_s3_y0.50.")
+from dldsim.vocabulary import BROKEN
 
 
 def geometries(config: Config) -> list[Geometry]:
@@ -133,73 +52,16 @@ def outcomes(config: Config) -> list[Pair]:
     return sorted((Pair(g, s) for g in geometries(config) for s in sets), key=outcome_id)
 
 
-GROUP_VELOCITY, FIXED_VELOCITY = "group-velocity", "fixed-velocity"
-"""Designs of the calibration: each group at its own velocity (the source paper's), all at one."""
-CONSTRICTION_PATTERN = r"[A-Za-z0-9-]+_(?:fixed_)?\d+"
-
-
-def constriction_id(group: str, position: int, design: str = GROUP_VELOCITY) -> str:
-    """Identifier such as G1_0, or G1_fixed_0 at fixed velocity; `position` counts the releases."""
-    return f"{group}_{'fixed_' if design == FIXED_VELOCITY else ''}{position}"
-
-
-def parse_constriction(text: str) -> tuple[str, int, str]:
-    """The inverse of `constriction_id`."""
-    if not re.fullmatch(CONSTRICTION_PATTERN, text):
-        raise DldsimError(f"{text!r} is not a constriction run identifier such as G1_0.")
-    group, *fixed, position = text.split("_")
-    return group, int(position), FIXED_VELOCITY if fixed else GROUP_VELOCITY
-
-
 def constrictions(config: Config) -> list[str]:
     """Identifiers of all constriction runs."""
     channel = config.constriction
     designs = [GROUP_VELOCITY] + [FIXED_VELOCITY] * (channel.fixed_velocity_mm_s is not None)
-    return [constriction_id(g, i, design) for design in designs
-            for g in config.constriction_groups for i in range(len(channel.release_positions_um))]
-
-
-def derive_seed(seed: int, name: str) -> int:
-    """A seed for one named task of a campaign, below 2³¹."""
-    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
-    return int.from_bytes(digest[:4], "big") >> 1
-
-
-def settings_hash(settings: Mapping[str, Any]) -> str:
-    """Short hash of the settings that a file depends on."""
-    text = json.dumps(settings, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def provenance(settings: Mapping[str, Any], seed: int | None = None) -> dict:
-    """Metadata of a file that depends on these settings and this seed."""
-    settings = dict(settings)
-    return {"config_hash": settings_hash(settings), "seed": seed, "settings": settings}
-
-
-def origins(layers: Mapping[str, Mapping]) -> str:
-    """What the configuration was made of, in a sentence: sources by name, the lowest first."""
-    preset = preset_of(layers.values())
-    lowest, *others = layers
-    sentence = f"Configuration: {lowest}, preset {preset}"
-    for name in others:
-        keys = dict.fromkeys(key for part in in_force(layers[name], preset)
-                             for key in flattened(part))
-        keys |= {"preset": None} if "preset" in layers[name] else {}
-        if keys:
-            sentence += f"; over it {name}: {', '.join(keys)}"
-    return f"{sentence}."
-
-
-def flattened(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Values by dotted key."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping) and value:
-            flat |= flattened(value, f"{above}{key}.")
-        else:
-            flat[f"{above}{key}"] = value
-    return flat
+    return [
+        constriction_id(g, i, design)
+        for design in designs
+        for g in config.constriction_groups
+        for i in range(len(channel.release_positions_um))
+    ]
 
 
 def import_from(folder: Path) -> None:
@@ -213,43 +75,6 @@ def quote_interpreter() -> None:
     """Let Snakemake start an interpreter whose path has a blank: it calls it unquoted."""
     if not sys.executable.startswith("'"):
         sys.executable = shlex.quote(sys.executable)
-
-
-STAMP = ".dldsim.json"
-
-
-def stamp() -> dict:
-    """Versions that a results folder is stamped with."""
-    return {"dldsim_version": __version__, "physics_version": PHYSICS_VERSION}
-
-
-def write_stamp(directory: Path) -> None:
-    """Stamp a results folder with the versions that fill it."""
-    with atomic_path(Path(directory) / STAMP) as part:
-        part.write_text(json.dumps(stamp()) + "\n", encoding="utf-8")
-
-
-def check_stamp(directory: Path) -> None:
-    """Refuse a results folder of another physics version."""
-    path = Path(directory) / STAMP
-    if not path.exists():
-        return
-    try:
-        made_by = json.loads(path.read_text(encoding="utf-8"))
-        physics, version = made_by["physics_version"], made_by["dldsim_version"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise DldsimError(
-            f"{path} is damaged, so that the physics version of what lies in {directory}/ is not "
-            f"known. If it is this one ({PHYSICS_VERSION}), delete {path} alone, and all results "
-            f"are used. Otherwise: mv {directory} {directory}-old."
-        ) from error
-    if physics != PHYSICS_VERSION:
-        raise DldsimError(
-            f"{directory} holds results of physics version {physics} (dldsim {version}); this is "
-            f"version {PHYSICS_VERSION} (dldsim {__version__}), whose trajectories differ. To keep "
-            f"the old results: mv {directory} {directory}-physics{physics}. To make everything "
-            "anew in place: snakemake -j2 all --forceall."
-        )
 
 
 def check_writable(directory: Path) -> None:
@@ -269,11 +94,19 @@ def closing_sentence(directory: Path) -> str:
     cases fail."""
     sentence = f"Done: {directory}/"
     if rows := _read_csv(Path(directory) / "outcomes.csv"):
-        broken = [f"{row['outcome_id']} ({row['status']}: {row['stop_reason']})" for row in rows
-                  if row["status"] in ("stuck", "unstable", "failed")]
-        sentence += f", all {len(rows)} outcomes." if not broken else (
-            f", but {len(broken)} of {len(rows)} outcomes have no angle:\n  "
-            + "\n  ".join(broken))
+        broken = [
+            f"{row['outcome_id']} ({row['status']}: {row['stop_reason']})"
+            for row in rows
+            if row["status"] in BROKEN
+        ]
+        sentence += (
+            f", all {len(rows)} outcomes."
+            if not broken
+            else (
+                f", but {len(broken)} of {len(rows)} outcomes have no angle:\n  "
+                + "\n  ".join(broken)
+            )
+        )
         for status, meaning in (
             ("undecided", "had not settled when their rows were spent"),
             ("coexisting", "depend on the place where the cell enters"),
@@ -288,8 +121,11 @@ def closing_sentence(directory: Path) -> str:
             sentence += f" Failing, see {directory}/validation.csv: {', '.join(failing)}."
     if spent := time_split(directory):
         total = sum(spent.values())
-        most = ", ".join(f"{rule} {seconds / total:.0%}" for rule, seconds in spent.items()
-                         if seconds >= total / 100)
+        most = ", ".join(
+            f"{rule} {seconds / total:.0%}"
+            for rule, seconds in spent.items()
+            if seconds >= total / 100
+        )
         sentence += f"\nTime of all jobs together: {total / 60:.1f} minutes ({most})."
     return sentence
 

@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis.surrogate import DOMAIN_TOLERANCE
-from dldsim.config.sections import DesignRequest
-from dldsim.design.chip import GEOMETRY
+from dldsim.config.design_sections import DesignRequest
 from dldsim.design.task import DECIMALS, TINY, Task, fixed, violations
 from dldsim.experiments.migration import mode_of
+from dldsim.tables.registry import TABLES
+from dldsim.vocabulary import GEOMETRY
 
 TOLERANCE_STEPS = 5
 """Values of P_r and of P_g across the tolerance, ends and middle included."""
@@ -78,16 +79,7 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         verdict=[verdict_of(row, ranks.count(row["rank"]), at_bounds(request, row))
                  for _, row in designs.iterrows()],
     )
-    return designs[DESIGN_COLUMNS].reset_index(drop=True)
-
-
-DESIGN_COLUMNS = [
-    "request", "design", "rank", *GEOMETRY, "objective", "value", "separation_deg",
-    "angle_1_deg", "angle_2_deg", "mode_1", "mode_2", "separation_tolerance_min_deg",
-    "separation_tolerance_max_deg", "robust_separation_deg", "mode_change_probability",
-    "sigma_num_deg", "uncertainty_deg", "length_mm", "pressure_drop_kPa", "pressure_basis",
-    "throughput_uL_per_h", "verdict", "inside_training_domain",
-]  # fmt: skip
+    return designs[TABLES["designs"].names].reset_index(drop=True)
 
 
 def over_tolerance(task: Task, table: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:

@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from dldsim.config.sections import Device, Flow
+from dldsim.config.design_sections import Device
+from dldsim.config.sections import Flow
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 
-GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 SMALLEST_DIRECTION = 1e-4
 """Of the fit of the resistance, over the largest singular value."""
 

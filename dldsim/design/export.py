@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.config.sections import DesignRequest, Device, Geometry
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.sections import Geometry
 from dldsim.design.layout import Layout, Stream, make_layout
 from dldsim.design.mask import draw_mask, write_dxf, write_gds
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, atomic_path
+from dldsim.files import atomic_path
+from dldsim.tables.registry import COLUMNS
 
 if TYPE_CHECKING:
     from dldsim.experiments.vtk import Shapes

@@ -11,21 +11,14 @@ import pandas as pd
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
 from dldsim.analysis.regressors import INPUTS
-from dldsim.config.sections import (
-    CellShape,
-    Config,
-    DesignRequest,
-    Device,
-    Flow,
-    Numerics,
-    RunControl,
-    Stiffness,
-    Sweep,
-)
+from dldsim.config.configuration import Partial, Sweep
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
 from dldsim.design.chip import Chip, Resistance
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
-from dldsim.tables.parquet import atomic_path, describe, read_table, write_table
+from dldsim.files import atomic_path
+from dldsim.tables.parquet import describe, read_table, write_table
 
 CAMPAIGN_DATA = Path(__file__).parents[1] / "data" / "campaign"
 """Tables and surrogate of the campaign that comes with the package."""
@@ -89,7 +82,7 @@ def make_campaign(
 
 
 def check_settings(
-    settings: Config | None, known: Campaign, request: DesignRequest | None = None,
+    settings: Partial | None, known: Campaign, request: DesignRequest | None = None,
     simulate: bool = False,
 ) -> None:
     """Refuse settings that answers of a campaign do not hold for.
@@ -133,8 +126,9 @@ def check_settings(
                       "answers come from a campaign with")
             raise DldsimError(
                 f"{key} = {value} in the configuration, but {origin} {other}. They hold for "
-                f"{known.model.holds_for}; nothing else was learnt. To have the other, {remedy}."
-            )
+                f"{known.model.holds_for}; nothing else was learnt.", key=key, value=value,
+                allowed=str(other), remedy=f"To have the other, {remedy}.",
+            )  # fmt: skip
 
 
 MEASURED = "measured"
@@ -158,20 +152,23 @@ def with_measurements(
     for name, value in conditions_.items():
         known = outcomes[name].unique()
         if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
+            allowed = ", ".join(f"{v:g}" for v in known)
             raise DldsimError(
-                f"Measurements: {name} = {value:g}, the outcomes have "
-                f"{', '.join(f'{v:g}' for v in known)}. The surrogate knows no other: leave "
-                "these measurements out, or choose a campaign at this value."
-            )
+                f"Measurements: {name} = {value:g}, the outcomes have {allowed}. The surrogate "
+                "knows no other.", key=name, value=value, allowed=allowed,
+                remedy="Leave these measurements out, or choose a campaign at this value.",
+            )  # fmt: skip
     rows = []
     for i, given in enumerate(measurements, start=1):
         bump = float(np.degrees(np.arctan(1 / given["periodicity"])))
         angle = given["migration_angle_deg"]
         if not -bump / 2 <= angle <= 1.5 * bump:
+            allowed = f"{-bump / 2:.3g} to {1.5 * bump:.3g}"
             raise DldsimError(
                 f"Measurement {i}: migration_angle_deg = {angle:g} with periodicity "
-                f"{given['periodicity']}: allowed {-bump / 2:.3g} to {1.5 * bump:.3g}. Full bump "
-                f"motion has {bump:.3g}°; look at the sign, the unit and the row shift."
+                f"{given['periodicity']}: allowed {allowed}. Full bump motion has {bump:.3g}°.",
+                key=f"measurements.{i - 1}.migration_angle_deg", value=angle, allowed=allowed,
+                remedy="Look at the sign, the unit and the row shift.",
             )
         rows.append({
             **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dldsim.config.sections import Device, Geometry
+from dldsim.config.design_sections import Device
+from dldsim.config.sections import Geometry
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 

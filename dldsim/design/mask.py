@@ -8,9 +8,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dldsim.config.sections import Device
+from dldsim.config.design_sections import Device
 from dldsim.design.layout import LAYERS, Layout, circle
-from dldsim.tables.parquet import atomic_path
+from dldsim.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

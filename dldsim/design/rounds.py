@@ -10,19 +10,22 @@ from typing import Any
 import pandas as pd
 
 from dldsim.analysis.surrogate import Surrogate
-from dldsim.config import campaign
-from dldsim.config.sections import DesignRequest, Geometry
-from dldsim.config.sections import Verification as Budget
+from dldsim.config import identifiers
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.design_sections import Verification as Budget
+from dldsim.config.provenance import derive_seed
+from dldsim.config.sections import Geometry
 from dldsim.design.candidates import distinct, transition_geometries
-from dldsim.design.chip import GEOMETRY, Chip
+from dldsim.design.chip import Chip
 from dldsim.design.populations import Population
 from dldsim.design.search import search
 from dldsim.design.task import Task
 from dldsim.design.verdict import compare, parts
-from dldsim.design.verified import Verdicts, design_table
+from dldsim.design.verified import Stop, Verdicts, design_table
 from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
-from dldsim.tables.parquet import COLUMNS
+from dldsim.tables.registry import COLUMNS, TABLES
+from dldsim.vocabulary import GEOMETRY
 
 
 def verify(
@@ -65,28 +68,28 @@ def verify(
     pairs: dict[int, dict] = {}
     rows: dict[str, dict] = {}
     learnt = surrogate
-    stopped = f"{budget.rounds} rounds done"
+    stop, number = Stop.ROUNDS, budget.rounds
     spent = 0
     candidates = pd.DataFrame()
     for number in range(1, budget.rounds + 1):
-        task = Task(learnt, request, chip, campaign.derive_seed(seed, f"round {number}"))
+        task = Task(learnt, request, chip, derive_seed(seed, f"round {number}"))
         candidates = search(learnt, request, chip, task.seed).designs
         best = candidates.head(budget.designs_per_round).to_dict("records")
         tried = [pair["place"] for pair in pairs.values()]
         new = [c for c in best if all(distinct(request, c, t) for t in tried)]
         if not new:
-            stopped = f"round {number}: the best candidates have been simulated before"
+            stop = Stop.KNOWN
             break
         known = pd.concat([outcomes[GEOMETRY], pd.DataFrame(tried, columns=GEOMETRY)])
         near = transition_geometries(task, known, budget.transition_geometries)
         agreements, before = [], len(rows)
         for role, place in [*(("design", c) for c in new), *(("transition", g) for g in near)]:
             if spent + 2 > budget.outcomes_max:
-                stopped = f"round {number}: budget of {budget.outcomes_max} outcomes spent"
+                stop = Stop.BUDGET
                 break
             array = len(pairs) + 1
             geometry = Geometry(**{name: place[name] for name in GEOMETRY})
-            say(f"round {number}, {role} {campaign.geometry_id(geometry)}")
+            say(f"round {number}, {role} {identifiers.geometry_id(geometry)}")
             found = simulate_pair(simulate, geometry, populations, chip.flow.height_um)
             spent += 2
             compared = compare(task, populations, geometry, found)
@@ -99,29 +102,21 @@ def verify(
             if role == "design":
                 agreements.append(settles(compared[2]))
         if len(rows) > before:
-            learnt = fit(with_outcomes(outcomes, rows), campaign.derive_seed(seed, f"fit {number}"))
-        if stopped.startswith("round"):
+            learnt = fit(with_outcomes(outcomes, rows), derive_seed(seed, f"fit {number}"))
+        if stop is Stop.BUDGET:
             break
         if agreements and all(agreements):
-            stopped = f"round {number}: predictions confirmed"
+            stop = Stop.CONFIRMED
             break
     task = Task(learnt, request, chip, seed)
     records += _finer_runs(task, pairs, populations, simulate, budget.finer_designs, say)
-    designs = design_table(task, pairs, resistance, stopped)
+    designs = design_table(task, pairs, resistance, stop, stop.sentence(number, budget))
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
         heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
         records += heights
         designs = _with_heights(designs, heights, chip.flow.height_um)
-    return Verdicts(pd.DataFrame(records, columns=VERIFICATION_COLUMNS), designs,
+    return Verdicts(pd.DataFrame(records, columns=TABLES["verifications"].names), designs,
                     with_outcomes(outcomes, rows), candidates, rows)
-
-
-VERIFICATION_COLUMNS = [
-    "request", "round", "role", "array", "population", *GEOMETRY, "height_um", "outcome_id",
-    "deformation_index", "cell_radius_um", "ks_uN_per_m", "stiffness_basis", "predicted_deg",
-    "predicted_low_deg", "predicted_high_deg", "simulated_deg", "sigma_num_deg", "predicted_mode",
-    "mode", "status", "wall_time_s", "agrees", "verdict", "note",
-]  # fmt: skip
 
 
 def with_outcomes(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
@@ -155,7 +150,7 @@ def _failed(geometry: Geometry, population: Population, height_um: float, reason
     return {
         **{c.name: None for c in COLUMNS["outcomes"]}, **geometry.model_dump(),
         **population.stiffness.model_dump(),
-        "outcome_id": campaign.outcome_id(campaign.Pair(geometry, population.name)),
+        "outcome_id": identifiers.outcome_id(identifiers.Pair(geometry, population.name)),
         "stiffness_set": population.name, "pitch_um": geometry.pitch_um,
         "row_shift_fraction": geometry.row_shift_fraction, "height_um": height_um,
         "cell_radius_um": population.radius_um, "status": "failed", "stop_reason": reason,
@@ -177,7 +172,7 @@ def _finer_runs(
     height, records = task.chip.flow.height_um, []
     for array, pair in parting[:count]:
         geometry = Geometry(**pair["place"])
-        say(f"finer lattice, half the Reynolds number: {campaign.geometry_id(geometry)}")
+        say(f"finer lattice, half the Reynolds number: {identifiers.geometry_id(geometry)}")
         pair["finer"] = simulate_pair(simulate, geometry, populations, height, finer=True)
         for row in compare(task, populations, geometry, pair["finer"]):
             # A check of the simulation; the surrogate has learnt from its outcome.

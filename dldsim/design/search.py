@@ -13,14 +13,15 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis.surrogate import DOMAIN_TOLERANCE, Surrogate
-from dldsim.config.sections import DesignRequest
+from dldsim.config.design_sections import DesignRequest
 from dldsim.errors import DldsimError
 
 if TYPE_CHECKING:
     import optuna
 from dldsim.design.candidates import GRID_CHECKED, make_candidates, slices, tolerances
-from dldsim.design.chip import GEOMETRY, Chip
+from dldsim.design.chip import Chip
 from dldsim.design.task import DECIMALS, NONE_BETTER, Task, check
+from dldsim.vocabulary import GEOMETRY
 
 Each = Callable[[Mapping[str, Any]], None]
 """Told of every trial of a search as soon as it is done; what it raises ends the search."""
@@ -80,8 +81,11 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int,
     if feasible.empty:
         raise DldsimError(
             f"design request {request.name}: none of {len(trials)} trials is feasible "
-            f"({', '.join(sorted(set(trials['reason'])))}). Widen gap_um upwards or "
-            "pillar_radius_um downwards, or raise trials."
+            f"({', '.join(sorted(set(trials['reason'])))}).",
+            key=("gap_um", "pillar_radius_um", "trials"),
+            value=(request.gap_um, request.pillar_radius_um, request.trials),
+            allowed="bounds and trials that meet a feasible geometry",
+            remedy="Widen gap_um upwards or pillar_radius_um downwards, or raise trials.",
         )
     designs = make_candidates(task, feasible)
     return Found(

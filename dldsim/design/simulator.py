@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis import uncertainty
-from dldsim.config import campaign
-from dldsim.config.campaign import provenance
+from dldsim.config import identifiers
+from dldsim.config.provenance import provenance, settings_hash
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl
 from dldsim.design.export import Verified
 from dldsim.design.populations import Population
@@ -63,7 +63,7 @@ class Simulator:
         }
         name = self.name(geometry, population, height_um, finer)
         files, shapes = self._files(name)
-        digest = campaign.settings_hash(settings)
+        digest = settings_hash(settings)
         if not (shapes.exists() and made_with(files.outcome, digest)):
             self._simulate(geometry, population, scene, name, settings)
         [row] = read_rows("outcomes", files.outcome)
@@ -81,7 +81,7 @@ class Simulator:
         name = population.name + "-finer" * finer
         if height_um != self.scene.flow.height_um:
             name += f"-h{1e3 * height_um:.0f}"
-        return campaign.outcome_id(campaign.Pair(geometry, name))
+        return identifiers.outcome_id(identifiers.Pair(geometry, name))
 
     def passage(self, row: Mapping[str, Any]) -> Verified:
         """A finished outcome with trajectory and recorded shapes of its first release."""
@@ -95,10 +95,10 @@ class Simulator:
 
     def resistance(self, geometry: Geometry) -> dict[str, Any]:
         """Row of `flows` of an array at the campaign's height, from the solver."""
-        path = self.directory / f"{campaign.geometry_id(geometry)}.flow.parquet"
+        path = self.directory / f"{identifiers.geometry_id(geometry)}.flow.parquet"
         scene = self.scene
         settings = {"flow": scene.flow.model_dump(), "numerics": scene.numerics.model_dump()}
-        if not made_with(path, campaign.settings_hash(settings)):
+        if not made_with(path, settings_hash(settings)):
             row = flow_row(self._empty_flow(geometry, scene))
             write_table("flows", [row], path, provenance(settings))
         [row] = read_rows("flows", path)
@@ -167,8 +167,9 @@ def conditions(outcomes: pd.DataFrame, scene: Scene) -> None:
             raise DldsimError(f"The table of outcomes lacks the column {name}.")
         other = sorted(set(outcomes[name]) - {value})
         if other:
+            made = ", ".join(map(str, other))
             raise DldsimError(
-                f"The outcomes were made with {name} = {', '.join(map(str, other))}, the "
-                f"configuration has {value}. A design holds only for what was simulated: give the "
-                "configuration of that campaign with --config."
-            )
+                f"The outcomes were made with {name} = {made}, the configuration has {value}. A "
+                "design holds only for what was simulated.", key=name, value=value, allowed=made,
+                remedy="Give the configuration of that campaign with --config.",
+            )  # fmt: skip

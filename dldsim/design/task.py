@@ -7,10 +7,14 @@ from typing import Any
 import numpy as np
 
 from dldsim.analysis.surrogate import Surrogate
-from dldsim.config.sections import DesignRequest
-from dldsim.design.chip import GEOMETRY, Chip
+from dldsim.config.design_sections import DesignRequest
+from dldsim.design.chip import Chip
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 
+CELL_TYPES = tuple(f"{key}_{i}" for i in "12" for key in ("deformation_index", "stiffness_set")
+                   ) + ("radius_1_um", "radius_2_um")  # fmt: skip
+"""Settings that name the two cell types."""
 EXCEEDED_BY = 0.9
 """Share of the Monte Carlo draws whose separation is larger than the robust one."""
 COVERAGE = 0.9
@@ -179,17 +183,19 @@ def check(task: Task) -> None:
     name = f"design request {request.name}"
     for i, (index, _) in enumerate(task.cells, start=1):
         if index is None or not low <= index <= high:
+            key, allowed = f"deformation_index_{i}", f"{low:.4g} to {high:.4g}"
             raise DldsimError(
-                f"{name}: deformation_index_{i} = {index} is outside the training data of the "
-                f"surrogate, {low:.4g} to {high:.4g}. Choose one inside, or a campaign "
-                "that reaches it."
-            )
+                f"{name}: {key} = {index} is outside the training data of the surrogate, "
+                f"{allowed}.", key=key, value=index, allowed=allowed,
+                remedy="Choose one inside, or a campaign that reaches it.",
+            )  # fmt: skip
     if task.cells[0] == task.cells[1]:
         index, radius = task.cells[0]
         raise DldsimError(
             f"{name}: both cell types have deformation index {index:g} and radius {radius:g} µm; "
-            "no array separates equals. Change one of them."
-        )
+            "no array separates equals.", key=CELL_TYPES, value=index,
+            allowed="different cell types", remedy="Change one of them.",
+        )  # fmt: skip
     # the widest gap beside the thinnest pillar that is not too slender meets every constraint if
     # anything does
     slender = chip.flow.height_um / (2 * request.pillar_aspect_ratio_max)
@@ -201,15 +207,18 @@ def check(task: Task) -> None:
         texts = "; ".join(f"{text} (by {value:.3g})" for text, value in broken.items())
         raise DldsimError(
             f"{name}: no geometry within the bounds is feasible. Even at pillar_radius_um = "
-            f"{thinnest:g} and gap_um = {widest:g}: {texts}. Raise the upper bound of gap_um or "
-            "widen the bounds of pillar_radius_um."
+            f"{thinnest:g} and gap_um = {widest:g}: {texts}.",
+            key=("gap_um", "pillar_radius_um"), value=(request.gap_um, request.pillar_radius_um),
+            allowed="bounds that hold a feasible geometry",
+            remedy="Raise the upper bound of gap_um or widen the bounds of pillar_radius_um.",
         )
     if request.pressure_max_kPa is not None and chip.resistance is None:
         raise DldsimError(
             f"{name}: pressure_max_kPa = {request.pressure_max_kPa:g} needs the flows without a "
             "cell of the campaign (flows.parquet) to know the pressure drop, and "
-            f"{chip.no_resistance}. Leave the limit out."
-        )
+            f"{chip.no_resistance}.", key="pressure_max_kPa", value=request.pressure_max_kPa,
+            allowed="none, without these flows", remedy="Leave the limit out.",
+        )  # fmt: skip
 
 
 def fixed(request: DesignRequest) -> set[str]:

@@ -6,10 +6,10 @@ from typing import Any
 
 from dldsim.analysis import uncertainty
 from dldsim.config.sections import Geometry
-from dldsim.design.chip import GEOMETRY
 from dldsim.design.populations import Population
 from dldsim.design.task import Task
 from dldsim.experiments.migration import mode_of
+from dldsim.vocabulary import GEOMETRY
 
 CONFIRMED, MISSED = "prediction confirmed", "prediction missed"
 UNINFORMATIVE = "prediction uninformative"

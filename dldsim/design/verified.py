@@ -3,20 +3,43 @@
 import json
 import math
 from collections.abc import Mapping
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from dldsim.config.sections import DesignRequest, Geometry
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.design_sections import Verification as Budget
+from dldsim.config.sections import Geometry
 from dldsim.design.candidates import over_tolerance, ranks_of
-from dldsim.design.chip import GEOMETRY, Chip
+from dldsim.design.chip import Chip
 from dldsim.design.export import export_design
 from dldsim.design.simulator import Simulator
 from dldsim.design.task import Task
 from dldsim.design.verdict import design_verdict, difference_of, separated, towards
 from dldsim.experiments.migration import mode_of
+from dldsim.tables.registry import TABLES
+from dldsim.vocabulary import GEOMETRY
+
+
+class Stop(StrEnum):
+    """What ended the rounds of a request."""
+
+    ROUNDS = "rounds"
+    KNOWN = "known"
+    BUDGET = "budget"
+    CONFIRMED = "confirmed"
+
+    def sentence(self, number: int, budget: Budget) -> str:
+        """The same in words, for the round of this number."""
+        return {
+            Stop.ROUNDS: f"{budget.rounds} rounds done",
+            Stop.KNOWN: f"round {number}: the best candidates have been simulated before",
+            Stop.BUDGET: f"round {number}: budget of {budget.outcomes_max} outcomes spent",
+            Stop.CONFIRMED: f"round {number}: predictions confirmed",
+        }[self]
 
 
 class Verdicts(NamedTuple):
@@ -30,7 +53,9 @@ class Verdicts(NamedTuple):
     rows: dict[str, dict]
 
 
-def design_table(task: Task, pairs: Mapping[int, dict], resistance, stopped: str) -> pd.DataFrame:
+def design_table(
+    task: Task, pairs: Mapping[int, dict], resistance, stop: Stop, stopped: str
+) -> pd.DataFrame:
     """The simulated designs, best first; columns of `verified_designs`."""
     request, chip = task.request, task.chip
     rows = []
@@ -75,12 +100,13 @@ def design_table(task: Task, pairs: Mapping[int, dict], resistance, stopped: str
             "finer_spacing_um": finer and finer[0]["spacing_um"],
             "finer_lag_number": finer and max(r["lag_number"] or 0.0 for r in finer),
             "verdict": design_verdict(difference, pair["rows"], finer, separates),
-            "stopped": stopped,
+            "stop": stop.value, "stopped": stopped,
             "separation_low_height_deg": None, "separation_high_height_deg": None,
         })  # fmt: skip
-    table = pd.DataFrame(rows, columns=[c for c in VERIFIED_COLUMNS if c not in LATER])
+    names = TABLES["verified_designs"].names
+    table = pd.DataFrame(rows, columns=[c for c in names if c not in LATER])
     if table.empty:
-        return table.reindex(columns=VERIFIED_COLUMNS)
+        return table.reindex(columns=names)
     place = [table[name].to_numpy() for name in GEOMETRY]
     angles = task.angles(*place)
     predicted = table.assign(angle_1_deg=angles[0], angle_2_deg=angles[1])
@@ -102,21 +128,11 @@ def design_table(task: Task, pairs: Mapping[int, dict], resistance, stopped: str
     sigma = table["sigma_num_deg"].astype(float)
     table["rank"] = ranks_of(table.assign(sigma_num_deg=sigma), "value")
     table["name"] = [f"{request.name}-{k}" for k in range(1, len(table) + 1)]
-    return table[VERIFIED_COLUMNS]
+    return table[names]
 
 
 LATER = ("rank", "name", "separation_tolerance_min_deg", "separation_tolerance_max_deg",
          "robust_separation_deg", "mode_change_probability")
-VERIFIED_COLUMNS = [
-    "request", "rank", "name", "array", "round", *GEOMETRY, "separation_deg", "sigma_num_deg",
-    "separation_finer_deg", "finer_spacing_um", "finer_lag_number",
-    "angle_1_deg", "angle_2_deg", "mode_1", "mode_2", "status_1", "status_2",
-    "predicted_separation_deg", "uncertainty_deg", "separation_tolerance_min_deg",
-    "separation_tolerance_max_deg", "robust_separation_deg", "mode_change_probability",
-    "separation_low_height_deg", "separation_high_height_deg", "permeability_over_pitch2",
-    "length_mm", "pressure_drop_kPa", "pressure_basis", "throughput_uL_per_h", "agrees",
-    "separates", "verdict", "stopped",
-]  # fmt: skip
 
 
 def export(

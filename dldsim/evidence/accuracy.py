@@ -13,8 +13,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import mean, stdev, variance
 from typing import Any, NamedTuple
 
-from dldsim.config.campaign import OUTCOME_PATTERN, parse_outcome
-from dldsim.config.sections import Cell, Config, RunControl, validate
+from dldsim.config.configuration import Config
+from dldsim.config.explain import check_value, validate
+from dldsim.config.feasibility import check_array, check_channel, check_release
+from dldsim.config.identifiers import OUTCOME_PATTERN, parse_outcome
+from dldsim.config.sections import Cell, Constriction, Numerics, RunControl
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import SETTLED
 
@@ -133,8 +136,10 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
         name: validate(type(getattr(config, name)), values).model_dump(mode="json")
         for name, values in sections.items()
     }
+    numerics = Numerics(**plain["numerics"])
     if quantity == ANGLE:
         geometry, name = parse_outcome(variant.run)
+        check_array(geometry, config.flow, numerics)
         cell = Cell(**plain["cell"], release_gap_fraction=place)
         return {
             **plain,
@@ -144,6 +149,10 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
             "stiffness_set": name,
             "stiffness": config.stiffness_sets[name].model_dump(mode="json"),
         }
+    channel = Constriction(**plain["constriction"])
+    [release] = check_value(Constriction, "release_positions_um", [release])
+    check_channel(channel, numerics)
+    check_release(release, channel, config.cell)
     return {
         **plain,
         "group": config.constriction_groups[variant.run].model_dump(mode="json"),

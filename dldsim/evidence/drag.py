@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from dldsim.evidence.reference import read_reference
+from dldsim.laws import viscosity
 from dldsim.solver.flow import Fluid
 from dldsim.solver.immersed_boundary import (
     interpolate_both,
@@ -25,7 +26,7 @@ from dldsim.solver.immersed_boundary import (
     spread,
 )
 from dldsim.solver.jit import jit
-from dldsim.solver.lattice import make_lattice, stream_collide, viscosity
+from dldsim.solver.lattice import make_lattice, stream_collide
 from dldsim.solver.membrane import make_membrane, vertex_areas
 from dldsim.solver.mesh import frequency_for_edge, icosphere
 from dldsim.solver.time_loop import MEMBRANE_SLIP

@@ -21,9 +21,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dldsim.analysis.uncertainty import BUMP, DECIDED, MODEL_PATH, read_model
-from dldsim.config.campaign import geometry_id, parse_outcome
-from dldsim.config.sections import Config, CriticalGap, Geometry, Reference
+from dldsim.config.configuration import Config
+from dldsim.config.identifiers import geometry_id, parse_outcome
+from dldsim.config.sections import Geometry
+from dldsim.config.study_sections import CriticalGap, Reference
 from dldsim.errors import DldsimError
+from dldsim.laws import COARSER_ALLOWED, critical_diameter, whole_shift_spacing
 
 Row = Mapping[str, Any]
 
@@ -126,11 +129,6 @@ def parse_search(text: str) -> Search:
     return Search(float(radius[1:]), int(periodicity[1:]), stiffness_set[1:], knob, int(rank))
 
 
-def law_of_davis(periodicity: int) -> float:
-    """Critical diameter over gap, D_c = 1.4 G ε^0.48 (Davis 2008, thesis, Princeton)."""
-    return 1.4 * (1 / periodicity) ** 0.48
-
-
 def transitions(study: Reference) -> list[CriticalGap]:
     """All transitions that are searched, those of stiff spheres last.
 
@@ -138,7 +136,7 @@ def transitions(study: Reference) -> list[CriticalGap]:
     """
     spheres = []
     for periodicity in study.critical_diameters.periodicities:
-        gap = 2 * study.critical_diameters.radius_um / law_of_davis(periodicity)
+        gap = 2 * study.critical_diameters.radius_um / critical_diameter(1, 1 / periodicity)
         spheres.append(CriticalGap(
             pillar_radius_um=round(gap / 2, 1), periodicity=periodicity, stiffness_set=SPHERE,
             bracket_um=tuple(round(gap * share, 1) for share in BRACKET_OF_LAW),
@@ -197,7 +195,6 @@ def search_settings(search: Search, config: Config) -> dict[str, Any]:
 def held_numerics(search: Search, gap_um: float, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The numerics with the spacing at which this gap has as many nodes per row shift as the
     middle of the bracket."""
-    from dldsim.solver.pillars import COARSER_ALLOWED, whole_shift_spacing
 
     numerics = dict(settings["numerics"])
     middle = _array(search, sum(settings["bracket_um"]) / 2)
@@ -499,7 +496,8 @@ def install(results: Path, data: Path = DATA) -> list[Path]:
     DldsimError if the outcomes or the model are missing, or any table is damaged or of another
     physics version; then nothing is copied.
     """
-    from dldsim.tables.parquet import atomic_path, read_columns
+    from dldsim.files import atomic_path
+    from dldsim.tables.parquet import read_columns
 
     source = Path(results) / "reference"
     first, *_ = KEPT

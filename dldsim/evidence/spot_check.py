@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dldsim.analysis.uncertainty import BEYOND, RANGES, error_of, verdict
-from dldsim.config.campaign import derive_seed
+from dldsim.config.provenance import derive_seed
 
 Row = Mapping[str, Any]
 

@@ -10,16 +10,9 @@ import json
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from dldsim.config.sections import (
-    Cell,
-    Config,
-    Flow,
-    Geometry,
-    Numerics,
-    RunControl,
-    Stiffness,
-    validate,
-)
+from dldsim.config.configuration import Config
+from dldsim.config.explain import validate
+from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError
 
 GEOMETRY = {"pillar_radius_um": 5.0, "gap_um": 12.0, "periodicity": 4}

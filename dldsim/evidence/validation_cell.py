@@ -22,6 +22,7 @@ from dldsim.experiments.array_run import Path, make_scene
 from dldsim.experiments.constriction import simulate_constriction
 from dldsim.experiments.shear import capsule_in_shear as shear_run
 from dldsim.experiments.shear import inertia_ellipse
+from dldsim.laws import SCATTER_OF_DAVIS, SOURCE_OF_DAVIS, critical_diameter
 from dldsim.solver.flow import EmptyFlow, array_of, solve_empty_array
 from dldsim.solver.time_loop import MEMBRANE_SLIP
 
@@ -201,8 +202,6 @@ FIRST_STEP, LAST_STEP = 0.06, 0.02
 """Of the search, over the gap: outward from the law, then bisection down to this interval."""
 BUMPING = 0.97
 """Share of the row shift that a bumping sphere gains, two rows in succession."""
-SCATTER_OF_LAW = 0.10
-DAVIS = "D_c = 1.4 G ε^0.48, Davis 2008 (thesis, Princeton)"
 GAP_NODES = "nodes per gap"
 
 
@@ -216,11 +215,6 @@ class Passage(NamedTuple):
     rows: int
     deformation: float
     volume_ratio: float
-
-
-def law_of_davis(periodicity: int) -> float:
-    """Critical diameter over gap."""
-    return 1.4 * periodicity**-0.48
 
 
 def rigid_transition() -> Iterator[Comparison]:
@@ -249,7 +243,7 @@ def rigid_transition() -> Iterator[Comparison]:
             "unit": "gap", "parameter": periodicity, "parameter_of": "periodicity N_p",
             "resolution": pitch / 2, "resolution_of": GAP_NODES,
         }  # fmt: skip
-        law = law_of_davis(periodicity)
+        law = critical_diameter(1, 1 / periodicity)
         worst = max(passages, key=lambda passage: passage.deformation)
         drift = max(abs(passage.volume_ratio - 1) for passage in passages)
         middle = (low + high) / 2
@@ -260,21 +254,22 @@ def rigid_transition() -> Iterator[Comparison]:
             f"{drift:.2%}"
         )
         yield Comparison(
-            "critical diameter", middle, law, SCATTER_OF_LAW, source=DAVIS, note=note, **about
+            "critical diameter", middle, law, SCATTER_OF_DAVIS, source=SOURCE_OF_DAVIS, note=note,
+            **about
         )
         yield Comparison(
             "critical diameter beside streamline bound", middle,
             table[periodicity]["critical_diameter_over_gap_streamline"],
             source=table[periodicity]["source"], **about,
         )  # fmt: skip
-        yield Comparison("largest diameter that zigzags", low, law, source=DAVIS, **about)
-        yield Comparison("smallest diameter that bumps", high, law, source=DAVIS, **about)
+        yield Comparison("largest diameter that zigzags", low, law, source=SOURCE_OF_DAVIS, **about)
+        yield Comparison("smallest diameter that bumps", high, law, source=SOURCE_OF_DAVIS, **about)
         if periodicity in coarser:
             before, coarse = coarser[periodicity]
             value = middle + (middle - before) / (pitch / coarse - 1)
             spread = (high - low) / 2 * (pitch / coarse + 1) / (pitch / coarse - 1)
             yield Comparison(
-                "critical diameter", value, law, source=DAVIS,
+                "critical diameter", value, law, source=SOURCE_OF_DAVIS,
                 **about | {"variant": "extrapolated", "resolution": None, "resolution_of": ""},
                 note=f"from {coarse} and {pitch} nodes per pitch; ±{spread:.3f} from the bisection",
             )  # fmt: skip
@@ -299,7 +294,7 @@ def critical_interval(flow: EmptyFlow) -> tuple[float, float, list[Passage]]:
         passages.append(sphere_passage(flow, diameter))
         return passages[-1].bumps
 
-    low = high = law_of_davis(flow.geometry.periodicity)
+    low = high = critical_diameter(1, 1 / flow.geometry.periodicity)
     if bumps(low):
         while bumps(low := high - FIRST_STEP):
             high = low

@@ -13,7 +13,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dldsim.config.campaign import run_id as release_id
+from dldsim.config.identifiers import run_id as release_id
+from dldsim.config.limits import check_time
 from dldsim.config.sections import (
     CELL_NUMERICS,
     Cell,
@@ -26,7 +27,6 @@ from dldsim.config.sections import (
 )
 from dldsim.errors import DldsimError, NoRoom
 from dldsim.experiments.migration import (
-    SETTLED,
     Migration,
     analyse_path,
     next_release,
@@ -48,6 +48,7 @@ from dldsim.solver.time_step import (
     refinement,
 )
 from dldsim.solver.units import Units
+from dldsim.vocabulary import SETTLED
 
 Progress = Callable[[str], None] | None
 
@@ -162,15 +163,17 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
     start = time.perf_counter()
     wanted = numerics
     if flow.height_um == 0:
-        raise DldsimError("height_um = 0 is the two-dimensional limit of the empty flow; a cell "
-                          "needs a channel height, at least its own size.")  # fmt: skip
+        raise DldsimError(
+            "height_um = 0 is the two-dimensional limit of the empty flow; a cell needs a channel "
+            "height, at least its own size.", key="flow.height_um", value=0, allowed="> 0",
+        )  # fmt: skip
     if empty_flow is None:
         empty_flow = solve_empty_array(geometry, flow, numerics, progress)
     _check_flow(empty_flow, geometry, flow, numerics)
     array = make_array(geometry, flow, numerics)
     scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
     asked = margins(scene)
-    factor = refinement(asked, numerics) * shorter
+    factor, shortened = refinement(asked, numerics) * shorter, ""
     if factor > 1:
         numerics = refined(numerics, factor)
         if numerics.inertia == "stokes":
@@ -178,14 +181,17 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
         else:
             empty_flow = solve_empty_array(geometry, flow, numerics, progress)
         scene = make_scene(array, empty_flow, stiffness, cell, flow, numerics)
+        shortened = f"time step shortened by {factor:.3g}: {bottleneck(asked)}"
         if progress and shorter == 1:
-            progress(f"time step shortened by {factor:.3g}: {bottleneck(asked)}")
+            progress(shortened)
     if progress:
         for sentence in incurable(scene):
             progress(f"this run may fail: {sentence}")
     units = scene.units
     record = Record(run_id, units, np.array([array.pitch, array.pitch, array.height]) / 2)
     row_steps = array.pitch / numerics.velocity_lu
+    if shorter == 1:
+        check_time(array.lattice.nodes, control.max_rows * row_steps, shortened)
     chunk = 2 * max(1, round(row_steps / control.records_per_row / 2))
     patience = STUCK_ROWS * row_steps
     lateral = np.array([])
@@ -527,9 +533,11 @@ def make_scene(
         raise NoRoom(
             f"The {cell.shape} of radius {cell.radius_um:g} µm (axis {cell.axis}) does not fit at "
             f"its release: clearance {free * array.spacing_um:.2f} µm, needed "
-            f"{RELEASE_CLEARANCE * array.spacing_um:.2f} µm. Change cell.release_gap_fraction or "
-            f"cell.axis, or raise flow.height_um (now {flow.height_um:g})."
-        )
+            f"{RELEASE_CLEARANCE * array.spacing_um:.2f} µm.", key="cell.release_gap_fraction",
+            value=cell.release_gap_fraction, allowed="where the cell fits",
+            remedy="Change cell.release_gap_fraction or cell.axis, or raise flow.height_um "
+            f"(now {flow.height_um:g}).",
+        )  # fmt: skip
     return scene
 
 

@@ -9,11 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dldsim.config.feasibility import check_channel, check_release
+from dldsim.config.limits import check_time
 from dldsim.config.sections import Cell, Constriction, ConstrictionGroup, Flow, Numerics
-from dldsim.errors import DldsimError
+from dldsim.errors import NoRoom
 from dldsim.experiments.array_run import REMEDY, Progress, Record
+from dldsim.laws import even_throat, viscosity
 from dldsim.solver.flow import Fluid, advance_to_steady
-from dldsim.solver.lattice import Lattice, make_lattice, viscosity
+from dldsim.solver.lattice import Lattice, make_lattice
 from dldsim.solver.time_loop import CellInFlow, deformation_index
 from dldsim.solver.time_step import again_if_unstable, bottleneck, margins, refined, refinement
 from dldsim.solver.units import Units
@@ -50,22 +53,12 @@ class Channel:
 def make_channel(channel: Constriction, numerics: Numerics) -> Channel:
     """Lay the channel on a lattice that divides the throat into an even number of nodes.
 
-    Raises DldsimError if the throat is not narrower than the channel, or the height too small.
+    Raises DldsimError as `feasibility.check_channel` does.
     """
-    if channel.throat_width_um >= channel.width_um:
-        raise DldsimError(
-            f"constriction.throat_width_um = {channel.throat_width_um:g} must be below "
-            f"constriction.width_um = {channel.width_um:g}."
-        )
-    throat_width = 2 * int(np.ceil(channel.throat_width_um / channel.spacing_um / 2))
-    spacing = channel.throat_width_um / throat_width
+    check_channel(channel, numerics)
+    spacing, throat_width = even_throat(channel.throat_width_um, channel.spacing_um)
     width = 2 * round(channel.width_um / spacing / 2)
     height = round(channel.height_um / spacing)
-    if height < 4:
-        raise DldsimError(
-            f"constriction.height_um = {channel.height_um:g} holds fewer than 4 nodes of "
-            f"{spacing:.3g} µm; raise it or refine constriction.spacing_um."
-        )
     approach = channel.approach_length_um / spacing
     taper = channel.taper_length_um / spacing
     throat = channel.throat_length_um / spacing
@@ -119,6 +112,7 @@ def simulate_constriction(
 def _simulate(group_name, group, channel, cell, flow, numerics, release_position_um, run_id,
               progress, shorter) -> ConstrictionResult:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
+    check_release(release_position_um, channel, cell)
     scene_channel = make_channel(channel, numerics)
     narrowing = scene_channel.width / scene_channel.throat_width
     throat_velocity = group.velocity_mm_s * narrowing
@@ -143,32 +137,33 @@ def _simulate(group_name, group, channel, cell, flow, numerics, release_position
     trial.place(np.array([0.0, scene_channel.centre, scene_channel.height / 2]))
     factor = refinement(margins(trial), numerics) * shorter
     numerics = refined(numerics, factor)
-    if factor > 1 and progress and shorter == 1:
-        progress(f"time step shortened by {factor:.3g}: {bottleneck(margins(trial))}")
+    shortened = ""
+    if factor > 1:
+        shortened = f"time step shortened by {factor:.3g}: {bottleneck(margins(trial))}"
+    if shortened and progress and shorter == 1:
+        progress(shortened)
+    begin, end = scene_channel.throat
+    limit = PATIENCE * (end - begin + narrowing * begin) / numerics.velocity_lu
+    if shorter == 1:
+        check_time(lattice.nodes, limit, shortened)
     mobility = _steady_start(fluid, scene_channel, numerics.velocity_lu * box_share, progress)
     scene = make_scene(numerics, mobility)
     units = scene.units
     first = scene_channel.profile[0, 1] - cell.radius_um / spacing
     release = first - release_position_um / spacing
-    if release < cell.radius_um / spacing:
-        raise DldsimError(
-            f"constriction release position {release_position_um:g} µm does not fit the approach "
-            f"of {channel.approach_length_um:g} µm; allowed 0 to "
-            f"{channel.approach_length_um - 2 * cell.radius_um:g}."
-        )
     scene.place([release, scene_channel.centre, scene_channel.height / 2])
     if scene.sample().clearance < 0.5:
-        raise DldsimError(
+        raise NoRoom(
             f"The {cell.shape} of radius {cell.radius_um:g} µm does not fit the channel of "
-            f"{channel.width_um:g} × {channel.height_um:g} µm."
-        )
-    begin, end = scene_channel.throat
+            f"{channel.width_um:g} × {channel.height_um:g} µm.", key="cell.radius_um",
+            value=cell.radius_um, allowed="less than the channel is wide and high",
+            remedy="Lower cell.radius_um, or widen or raise the channel.",
+        )  # fmt: skip
     record = Record(
         run_id, units, np.array([(begin + end) / 2, scene_channel.centre, scene_channel.height / 2])
     )
     record.add(scene.sample(), None)
     chunk = 2 * max(1, round((end - begin) / numerics.velocity_lu / SAMPLES_PER_THROAT / 2))
-    limit = PATIENCE * (end - begin + narrowing * begin) / numerics.velocity_lu
     loop = told = time.perf_counter()
     status, reason = "converged", "the cell has left the throat"
     while record.samples[-1].centre[0] < end + cell.radius_um / spacing:

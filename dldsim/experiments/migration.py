@@ -24,7 +24,7 @@ from scipy.stats import f_oneway
 from scipy.stats import t as student
 
 from dldsim.config.sections import RunControl
-from dldsim.vocabulary import SETTLED
+from dldsim.vocabulary import BROKEN, MODES, SETTLED
 
 BUMP_FROM, ZIGZAG_TO = 0.9, 0.1
 """Shares of the full bump displacement that separate bump, mixed and zigzag mode."""
@@ -37,10 +37,6 @@ LANE_WIDTH = 1.0
 CONFIDENCE = 0.95
 UNLIKE = 0.05
 """Releases are unlike if the scatter of their passes' lengths has at most this chance (F test)."""
-DECIDED = ("decided", "coexisting")
-"""Statuses of an outcome whose releases have all settled."""
-BROKEN = ("stuck", "unstable", "failed")
-MODES = ("bump", "mixed", "zigzag", "none")
 
 
 def row_crossings(x: np.ndarray, y: np.ndarray, first: float, pitch: float) -> np.ndarray:

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dldsim.config import campaign
-from dldsim.config.campaign import provenance
+from dldsim.config import identifiers
+from dldsim.config.provenance import provenance
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import describe, read_columns, read_rows, write_table
 
@@ -74,7 +74,7 @@ class Partial:
         self.directory, self.outcome, self.about = Path(directory), outcome, provenance(settings)
 
     def _files(self, place: float) -> tuple[Path, Path]:
-        name = campaign.run_id(self.outcome, place)
+        name = identifiers.run_id(self.outcome, place)
         return (self.directory / f"{name}.run.parquet",
                 self.directory / f"{name}.trajectory.parquet")
 

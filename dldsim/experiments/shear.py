@@ -14,9 +14,10 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Numerics, Stiffness
 from dldsim.errors import DldsimError
+from dldsim.laws import viscosity
 from dldsim.solver import membrane as mb
 from dldsim.solver.flow import Fluid
-from dldsim.solver.lattice import VELOCITIES, WEIGHTS, make_lattice, viscosity
+from dldsim.solver.lattice import VELOCITIES, WEIGHTS, make_lattice
 from dldsim.solver.time_loop import CellInFlow, volume_stiffness
 from dldsim.solver.time_step import elastic_frequency, frequency_limit
 from dldsim.solver.units import Units

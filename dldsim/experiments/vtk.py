@@ -16,8 +16,9 @@ import numpy as np
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.sections import Geometry
 from dldsim.errors import DldsimError
+from dldsim.files import atomic_path
+from dldsim.laws import pillar_centres
 from dldsim.solver.mesh import area_vectors
-from dldsim.tables.parquet import atomic_path
 
 if TYPE_CHECKING:
     from dldsim.experiments.array_run import RunResult
@@ -174,9 +175,8 @@ def pillars_near(geometry: Geometry, path_um: np.ndarray, reach_um: float) -> np
         beside = y[np.abs(x - row * pitch) <= pitch]
         if not beside.size:
             continue
-        low = np.ceil((beside.min() - reach_um - row * shift) / pitch)
-        high = np.floor((beside.max() + reach_um - row * shift) / pitch)
-        centres += [(row * pitch, row * shift + lane * pitch) for lane in np.arange(low, high + 1)]
+        low, high = beside.min() - reach_um, beside.max() + reach_um
+        centres += pillar_centres(pitch, shift, row, low, high)
     return np.array(centres)
 
 

@@ -4,6 +4,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from dldsim.laws import SCATTER_OF_DAVIS as SCATTER_OF_LAW
+from dldsim.laws import critical_diameter, rest_volume
 from dldsim.report.style import (
     GREY,
     MODE_COLOUR,
@@ -23,10 +25,7 @@ from dldsim.report.style import (
     shades_of,
     styled,
 )
-from dldsim.solver.mesh import EVANS_FUNG
 
-SCATTER_OF_LAW = 0.10
-"""Relative scatter of measured critical diameters about 1.4 G ε^0.48 (Davis's devices)."""
 BOX = {"showfliers": False, "widths": 0.6, "patch_artist": True,
        "medianprops": {"color": "black"}, "boxprops": {"facecolor": "#EDEFF2", "linewidth": 0.7},
        "whiskerprops": {"linewidth": 0.7}, "capprops": {"linewidth": 0.7}}
@@ -36,18 +35,12 @@ AXIS_LABEL = {"pillar_radius_um": "pillar radius $P_r$ [µm]", "gap_um": "gap $P
 
 def critical_size_ratio(row_shift_fraction):
     """Empirical critical diameter over gap, D_c/G = 1.4 ε^0.48, of rigid spheres (Davis 2008)."""
-    return 1.4 * np.asarray(row_shift_fraction, dtype=float) ** 0.48
+    return critical_diameter(1, np.asarray(row_shift_fraction, dtype=float))
 
 
 def volume_equivalent_diameter(shape: str, radius_um: float, aspect_ratio: float) -> float:
-    """Diameter [µm] of the sphere that has the volume of the cell at rest.
-
-    biconcave: Evans–Fung profile z = ±(R/2)√(1−r²)(c0 + c1 r² + c2 r⁴), integrated exactly.
-    """
-    c0, c1, c2 = EVANS_FUNG
-    biconcave = 0.75 * (2 / 3 * c0 + 4 / 15 * c1 + 16 / 105 * c2)
-    share = {"sphere": 1.0, "ellipsoid": aspect_ratio, "biconcave": biconcave}[shape]
-    return 2 * radius_um * share ** (1 / 3)
+    """Diameter [µm] of the sphere that has the volume of the cell at rest."""
+    return 2 * radius_um * rest_volume(shape, aspect_ratio) ** (1 / 3)
 
 
 def mode_points(outcomes: pd.DataFrame, aspect_ratio: float) -> pd.DataFrame:

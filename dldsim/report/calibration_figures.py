@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from dldsim.config.campaign import FIXED_VELOCITY, GROUP_VELOCITY
+from dldsim.config.identifiers import FIXED_VELOCITY, GROUP_VELOCITY
 from dldsim.report.style import GREY, dodged, key, legend, multiples, ordered, shades_of, styled
 
 PAPER_DEFORMATION_INDEX = {"G1": 0.50, "G2": 0.60, "G5": 0.777, "G6": 0.781, "G7": 0.784}

@@ -7,47 +7,18 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from dldsim.errors import DldsimError
+from dldsim.tables import registry
 from dldsim.tables.parquet import describe, read_table
 
-TABLES = {
-    "outcomes": ("outcomes.parquet", "outcomes"),
-    "runs": ("runs.parquet", "runs"),
-    "trajectory": ("trajectories.parquet", "trajectories"),
-    "flows": ("flows.parquet", "flows"),
-    "constriction_runs": ("constriction_runs.parquet", "constriction_runs"),
-    "calibration": ("calibration.parquet", "calibration"),
-    "calibration_correlations": ("calibration_correlations.parquet", "calibration"),
-    "anova": ("anova.parquet", "anova"),
-    "anova_diagnostics": ("anova_diagnostics.parquet", "anova"),
-    "robustness": ("robustness.parquet", "robustness_map"),
-    "sobol": ("sobol.parquet", "sensitivity"),
-    "partial_dependence": ("partial_dependence.parquet", "sensitivity"),
-    "fabrication": ("fabrication.parquet", "sensitivity"),
-    "benchmark": ("benchmark.parquet", "benchmark"),
-    "predictions": ("predictions.parquet", "benchmark"),
-    "designs": ("designs.parquet", "designs"),
-    "design_trials": ("design_trials.parquet", "designs"),
-    "design_tolerances": ("design_tolerances.parquet", "designs"),
-    "design_importance": ("design_importance.parquet", "designs"),
-    "design_slices": ("design_slices.parquet", "designs"),
-    "design_requests": ("design_requests.parquet", "designs"),
-    "verifications": ("verifications.parquet", "verifications"),
-    "verified_designs": ("verified_designs.parquet", "verifications"),
-    "verified_requests": ("verified_requests.parquet", "verifications"),
-    "learning_curve": ("learning_curve.parquet", "learning_curve"),
-    "search_regret": ("search_regret.parquet", "search_regret"),
-    "validation": ("validation.parquet", "validation"),
-    "accuracy": ("accuracy.parquet", "accuracy"),
-    "stability": ("stability.parquet", "stability"),
-    "reference_check": ("reference_check.parquet", "reference_check"),
-    "spot_check": ("spot_check.parquet", "spot_check"),
-    "convergence": ("reference/convergence.parquet", "critical_gaps"),
-}
-"""Table kind: file in the results folder, rule that makes it."""
 CARD = ("surrogate_card.json", "surrogate")
 """The surrogate's card: file in the results folder, rule that makes it."""
 STUDIES = ("validation", "accuracy", "stability", "reference_check", "spot_check", "convergence")
 """Kinds that are made on request only: they say how far to trust a campaign."""
+TABLES = {kind: (registry.TABLES[kind].file, registry.TABLES[kind].rule) for kind in [
+    *(kind for kind, table in registry.TABLES.items()
+      if table.file and kind not in (*STUDIES, "critical_gaps")), *STUDIES,
+]}  # fmt: skip
+"""Table kind: file in the results folder, rule that makes it."""
 BEFORE_OUTCOMES = ("outcomes", "runs", "trajectory", "flows", "constriction_runs", "calibration",
                    "calibration_correlations", *STUDIES)
 """Kinds that do not follow from the table of outcomes."""

@@ -19,9 +19,9 @@ from matplotlib.patheffects import withStroke
 
 from dldsim.errors import DldsimError
 from dldsim.experiments.vtk import Shapes, pillars_near
+from dldsim.files import atomic_path
 from dldsim.report.style import PILLAR, STYLE
 from dldsim.solver.mesh import area_vectors, make_topology
-from dldsim.tables.parquet import atomic_path
 
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7")
 LINES = ("-", "--", "-.", ":")

@@ -18,9 +18,9 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from dldsim.errors import DldsimError
+from dldsim.files import atomic_path
 from dldsim.report import formats, style
 from dldsim.report.inputs import TABLES, Missing
-from dldsim.tables.parquet import atomic_path
 
 EMBED_SVG_BELOW = 260_000
 """Bytes up to which a figure is embedded as SVG; a larger one is embedded as PNG."""

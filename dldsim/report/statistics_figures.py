@@ -7,9 +7,9 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.report.angle_figures import AXIS_LABEL
 from dldsim.report.style import key, legend, multiples, ordered, styled
+from dldsim.vocabulary import GEOMETRY
 
 MODEL_TITLE = {
     "hierarchical": "hierarchical model", "main_effects": "main effects alone",

@@ -17,9 +17,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from dldsim.experiments.migration import DECIDED, SETTLED
+from dldsim.vocabulary import DECIDED, MODES, SETTLED
 
-MODES = ("bump", "mixed", "zigzag", "none")
 MODE_COLOUR = {"bump": "#0072B2", "mixed": "#009E73", "zigzag": "#D55E00", "none": "#7F7F7F"}
 MODE_MARKER = {"bump": "o", "mixed": "D", "zigzag": "^", "none": "x"}
 SET_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")

@@ -8,7 +8,7 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from dldsim.experiments.migration import SETTLED
+from dldsim.laws import pillar_centres
 from dldsim.report.style import (
     GREY,
     MODE_COLOUR,
@@ -23,6 +23,7 @@ from dldsim.report.style import (
     shades_of,
     styled,
 )
+from dldsim.vocabulary import BROKEN, GEOMETRY, SETTLED
 
 LONGEST_VIEW = 14
 """Rows that a trajectory panel shows at most, unless one period is longer."""
@@ -64,20 +65,15 @@ def gap_heights(trajectory: pd.DataFrame, run) -> tuple[np.ndarray, np.ndarray]:
     return rows, (above_pillar - radius) / run["gap_um"]
 
 
-def pillar_centres(run, xlim: tuple[float, float], ylim: tuple[float, float]) -> np.ndarray:
-    """Centres [µm], shape (n, 2), of the pillars that show in the window.
-
-    Row i stands at x = iλ; its pillars at y = iελ + jλ, i and j any integer.
-    """
+def pillars_in(run, xlim: tuple[float, float], ylim: tuple[float, float]) -> np.ndarray:
+    """Centres [µm], shape (n, 2), of the pillars that show in the window."""
     pitch, radius = run["pitch_um"], run["pillar_radius_um"]
     centres = []
     for i in range(
         int(np.ceil((xlim[0] - radius) / pitch)), int(np.floor((xlim[1] + radius) / pitch)) + 1
     ):
-        shift = i * pitch * run["row_shift_fraction"]
-        low = int(np.ceil((ylim[0] - radius - shift) / pitch))
-        high = int(np.floor((ylim[1] + radius - shift) / pitch))
-        centres += [(i * pitch, shift + j * pitch) for j in range(low, high + 1)]
+        shift = pitch * run["row_shift_fraction"]
+        centres += pillar_centres(pitch, shift, i, ylim[0] - radius, ylim[1] + radius)
     return np.array(centres, dtype=float).reshape(-1, 2)
 
 
@@ -103,7 +99,7 @@ def pick_trajectories(runs: pd.DataFrame) -> list[tuple[str, list[str]]]:
     sure = alike.index[alike["settled"] & (alike["modes"] == 1)]
     widest, pair = 0.0, None
     decided = points[points["outcome_id"].isin(sure)]
-    for _, group in decided.groupby(["pillar_radius_um", "gap_um", "periodicity"]):
+    for _, group in decided.groupby(GEOMETRY):
         angle = group["migration_angle_deg"]
         if angle.max() - angle.min() > widest and group["mode"].nunique() > 1:
             widest = angle.max() - angle.min()
@@ -159,7 +155,7 @@ def trajectory_panel(
     )
     ylim = (y.min() - 0.75 * pitch, y.max() + 0.75 * pitch)
     return TrajectoryPanel(
-        title, paths, pillar_centres(first, xlim, ylim), first["pillar_radius_um"],
+        title, paths, pillars_in(first, xlim, ylim), first["pillar_radius_um"],
         first["cell_radius_um"], xlim, ylim,
     )
 
@@ -234,7 +230,7 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
             }
             total = cumulated_row_shifts(run)
             upper.plot(np.arange(len(total)), total, **style)
-            if run["status"] in ("stuck", "unstable", "failed"):
+            if run["status"] in BROKEN:
                 upper.plot(len(total) - 1, total[-1], "x", color="black")
             if run["run_id"] in tracks:
                 rows, height = gap_heights(tracks[run["run_id"]], run)
@@ -258,7 +254,7 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
     handles.append(key("black", line=":", label="full bump"))
     if (~settled(runs)).any():
         handles.append(key(GREY, line="--", label="not settled"))
-    if runs["status"].isin(["stuck", "unstable", "failed"]).any():
+    if runs["status"].isin(BROKEN).any():
         handles.append(key("black", "x", label="run broke off here"))
     legend(figure, handles, ncols=7)
     return figure
@@ -271,7 +267,7 @@ def draw_row_maps(runs: pd.DataFrame) -> Figure:
     Nearly a curve per run. Where it reaches one row shift there is a bump lane; how far it stays
     below is the distance from the transition.
     """
-    panels = list(runs.groupby(["pillar_radius_um", "gap_um", "periodicity"]))
+    panels = list(runs.groupby(GEOMETRY))
     columns = min(3, len(panels))
     lines = -(-len(panels) // columns)
     figure = Figure(figsize=(3.3 * columns, 2.7 * lines), layout="constrained")

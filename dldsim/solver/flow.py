@@ -19,8 +19,9 @@ from dldsim import PHYSICS_VERSION
 from dldsim.config.sections import Flow, Geometry, Numerics
 from dldsim.errors import DldsimError
 from dldsim.files import atomic_path, why_not_read
+from dldsim.laws import viscosity
 from dldsim.solver.jit import aligned_zeros, jit
-from dldsim.solver.lattice import BLOCK, Lattice, collision_parameters, stream_collide, viscosity
+from dldsim.solver.lattice import BLOCK, Lattice, collision_parameters, stream_collide
 from dldsim.solver.pillars import ArrayLattice, make_array
 
 STEADY_TOLERANCE = {"float32": 2e-6, "float64": 1e-9}

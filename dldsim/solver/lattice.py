@@ -526,11 +526,6 @@ def collision_parameters(
     )  # fmt: skip
 
 
-def viscosity(relaxation_time: float) -> float:
-    """Kinematic viscosity (τ - 1/2)/3."""
-    return (relaxation_time - 0.5) / 3
-
-
 @restrict
 def _set_aside(f, last_row, s):
     """Copy what crosses the end of the domain, before it is overwritten."""

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from dldsim.errors import DldsimError
+from dldsim.laws import EVANS_FUNG
 
-EVANS_FUNG = (0.207161, 2.002558, -1.122762)
 GOLDEN = (1 + 5**0.5) / 2
 ICOSAHEDRON = np.array(
     [np.roll((0, s, t * GOLDEN), k) for k in range(3) for s in (-1, 1) for t in (-1, 1)]
@@ -98,8 +98,7 @@ def make_shape(
     """Vertices (V, 3) and outward faces (F, 3) of a cell centred at the origin.
 
     `radius` is the largest distance from the symmetry `axis`; `aspect_ratio` (ellipsoid only) is
-    the half axis along it over `radius`. The biconcave profile is that of Evans & Fung,
-    Microvasc. Res. 4 (1972) 335: z = ±(R/2) √(1−r²) (c₀ + c₂ r² + c₄ r⁴), r in units of R.
+    the half axis along it over `radius`. The biconcave profile is that of `laws.EVANS_FUNG`.
     Vertices lie on the surface, so the mesh encloses a little less than the smooth shape.
     Raises DldsimError for unknown shape or axis, or sizes that are not positive.
     """

@@ -4,18 +4,16 @@ Lattice coordinates of a domain: rows along x, lanes along y, pillar (row i, lan
 (i λ + λ/2, i s + j λ + λ/2) with the pitch λ and the row shift s in nodes.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from dldsim.config.feasibility import check_array
 from dldsim.config.sections import Flow, Geometry, Numerics
-from dldsim.errors import DldsimError
+from dldsim.laws import whole_shift_spacing
 from dldsim.solver.jit import jit
 from dldsim.solver.lattice import Lattice, make_lattice
 
-COARSER_ALLOWED = 1.1
-"""The lattice spacing may exceed the wanted one by this factor to make the row shift whole."""
 ON_SURFACE = 0.015
 """Columns that are no farther from a pillar, in nodes, count as solid if links are interpolated:
 they feed staggered momentum as soon as a membrane comes near. Of runs with columns at 0.005 and
@@ -45,13 +43,6 @@ class ArrayLattice:
         return self.height * self.spacing_um if self.lattice.walls else 0.0
 
 
-def whole_shift_spacing(geometry: Geometry, spacing_um: float) -> tuple[float, int]:
-    """Spacing [µm] that makes the row shift λ/N_p a whole number of nodes, and that number."""
-    shift_um = geometry.pitch_um / geometry.periodicity
-    nodes = max(1, math.ceil(shift_um / (COARSER_ALLOWED * spacing_um) - 1e-9))
-    return shift_um / nodes, nodes
-
-
 def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
     """Numerics on the next finer lattice that the row shift allows, at half the numerical Re."""
     shift_um = geometry.pitch_um / geometry.periodicity
@@ -64,27 +55,14 @@ def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
 def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLattice:
     """Lay the unit cell of an array on the lattice.
 
-    Raises DldsimError if the domain has more rows than the period, or the gap too few nodes.
+    Raises DldsimError as `feasibility.check_array` does.
     """
-    if numerics.rows > geometry.periodicity:
-        raise DldsimError(
-            f"numerics.rows = {numerics.rows}: allowed 1 to the periodicity {geometry.periodicity}."
-        )
+    check_array(geometry, flow, numerics)
     spacing, shift = whole_shift_spacing(geometry, numerics.spacing_um)
-    if geometry.gap_um < 4 * spacing:
-        raise DldsimError(
-            f"gap_um = {geometry.gap_um:g} holds fewer than 4 nodes of {spacing:.3g} µm; "
-            f"refine numerics.spacing_um to {geometry.gap_um / 4:.3g} or less."
-        )
     pitch = shift * geometry.periodicity
     radius = geometry.pillar_radius_um / spacing
     walls = flow.height_um > 0
     height = max(1, round(flow.height_um / spacing))
-    if walls and height < 4:
-        raise DldsimError(
-            f"height_um = {flow.height_um:g} holds fewer than 4 nodes of {spacing:.3g} µm; "
-            "refine numerics.spacing_um, or set height_um to 0 for the two-dimensional limit."
-        )
     lattice = make_pillars(
         pitch, shift, radius, numerics.rows, numerics.lanes, height, walls=walls,
         half=walls and numerics.half_scene, bounce_back=numerics.bounce_back,

@@ -8,6 +8,7 @@ therefore converted relative to the viscous scale μU, and time by advection (Δ
 from dataclasses import dataclass
 
 from dldsim.config.sections import Flow, Numerics, Stiffness
+from dldsim.laws import viscosity
 
 _MICRO, _MILLI, _NANO, _PICO, _ATTO = 1e-6, 1e-3, 1e-9, 1e-12, 1e-18
 
@@ -29,7 +30,7 @@ class Units:
             flow.mean_velocity_mm_s,
             numerics.velocity_lu,
             flow.viscosity_mPa_s,
-            (numerics.relaxation_time - 0.5) / 3,
+            viscosity(numerics.relaxation_time),
         )
 
     @property

@@ -23,7 +23,9 @@ import pyarrow.parquet as pq
 
 from dldsim import PHYSICS_VERSION
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, METADATA_KEY, Column
+from dldsim.tables.column import Column
+from dldsim.tables.parquet import METADATA_KEY
+from dldsim.tables.registry import COLUMNS
 
 PLAUSIBLE = {
     "pillar_radius_um": (0.1, 1000), "gap_um": (0.1, 1000), "periodicity": (2, 100),

@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import f, f_oneway
 
 from dldsim.analysis.anova import analyse, anova
-from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 
 DI = {"1": 0.50, "2": 0.60, "3": 0.78}
 

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.analysis.robustness import most_frequent, robustness
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 from tests.analysis.test_anova import DI, factorial, noisy
 
 

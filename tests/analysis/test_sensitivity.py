@@ -7,7 +7,7 @@ import pytest
 from dldsim.analysis import sensitivity, surrogate
 from dldsim.analysis.regressors import angle_of
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS
+from dldsim.tables.registry import COLUMNS
 from tests.analysis.test_surrogate import make_outcomes
 
 

@@ -12,12 +12,12 @@ from dldsim.analysis.regressors import (
     BASELINE,
     CURVE,
     FEATURES,
-    GEOMETRY,
     INPUTS,
     REPEATS,
     SURROGATE,
 )
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 
 
 def bump_or_zigzag(r, g, n, d):

@@ -23,7 +23,7 @@ from dldsim.analysis.uncertainty import (
 )
 from dldsim.errors import DldsimError
 from dldsim.report import accuracy_figures, style
-from dldsim.tables.parquet import COLUMNS
+from dldsim.tables.registry import COLUMNS
 
 BUMP = math.degrees(math.atan(1 / 10))
 NUMERICS = json.dumps({"spacing_um": 1.25, "kernel": "compact"})

@@ -15,7 +15,8 @@ from dldsim import PHYSICS_VERSION
 from dldsim.app import cli
 from dldsim.app.commands import output
 from dldsim.experiments.vtk import read_vtkhdf
-from dldsim.tables.parquet import COLUMNS, describe, read_rows, read_table, write_table
+from dldsim.tables.parquet import describe, read_rows, read_table, write_table
+from dldsim.tables.registry import COLUMNS
 from dldsim.tables.user_table import read_user_table
 
 ROOT = Path(__file__).parents[2]
@@ -105,7 +106,7 @@ def test_examples_parse(command):
         (["run", *ARRAY, "--set", "12"], ["--set 12", "1, 2, 3, 4, 5", "Did you mean"]),
         (["run", *ARRAY, "--set", "1", "--gap-um", "6"], ["gap_um = 6", "P_r + d_safety"]),
         (["run", *ARRAY, "--set", "1", "--height-um", "3"], ["height_um = 3", "squeezed"]),
-        (["run", *ARRAY, "--set", "1", "--radius-um", "-1"], ["radius_um", "-1", "number > 0"]),
+        (["run", *ARRAY, "--set", "1", "--radius-um", "-1"], ["radius_um", "-1", "number ≥ 0.1"]),
         (["run", *ARRAY, "--set", "1", "--periodicity", "1"], ["periodicity", "1", "≥ 2"]),
         (["run", *ARRAY, "--set", "1", "--periodicity", "4.5"], ["--periodicity", "4.5"]),
         (["run", *ARRAY, "--set", "1", "--drive", "x"], ["--drive", "axial"]),
@@ -116,6 +117,14 @@ def test_examples_parse(command):
         (["anova", "table.txt"], ["table.txt", "does not exist"]),
         (["info", "no.parquet"], ["no.parquet", "does not exist"]),
         (["design", "--di1", "0.5"], ["--di2"]),
+        (["design", "--set1", "1", "--set2", "5", "--seed", "-1"], ["--seed", "'-1'", "from 0"]),
+        (["anova", "no.csv", "--seed", str(2**63)], ["--seed", "to 9223372036854775807"]),
+        (["design", "--set1", "1", "--set2", "5", "--safety-distance-um", "nan"],
+         ["--safety-distance-um", "nan"]),
+        (["constrict", "--set", "1", "--release-position-um", "-5"],
+         ["release_positions_um", "-5 µm", "allowed 0 to 11"]),
+        (["run", *ARRAY, "--set", "1", "--spacing-um", "0.05"],
+         ["numerics.spacing_um = 0.05", "GB of memory", "limits.memory_GB"]),
         (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
         (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["outcomes.parquet"]),
         (["run", *ARRAY, "--set", "1", "--outcome-rows-max", "9"], ["has no effect", "--releases"]),
@@ -124,7 +133,7 @@ def test_examples_parse(command):
         (["run", *ARRAY, "--set", "1", "--releases", "0.5", "1.5"], ["release_gap_fractions"]),
         (["run", *ARRAY, "--set", "1", "--movie"], ["--movie", "--out DIR"]),
         (["run", *ARRAY, "--set", "1", "--vtk", "--out", "x", "--releases"], ["no --releases"]),
-        (["constrict", "--set", "1", "--radius-um", "-1"], ["radius_um", "number > 0"]),
+        (["constrict", "--set", "1", "--radius-um", "-1"], ["radius_um", "number ≥ 0.1"]),
         (["run", *ARRAY, "--set", "1", "--releases", "0.5", "nan"], ["--releases", "'nan'"]),
         (["run", *ARRAY, "--set", "1", "--gap-um", "nan"], ["--gap-um", "'nan'", "finite"]),
         (["constrict", "--set", "1", "--release-position-um", "inf"], ["--release-position-um"]),
@@ -162,6 +171,15 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(
     assert (code, summary) == (2, None)
     assert f"--out {tmp_path / place}" in message and "Nothing was calculated" in message
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_one_section_is_enough_for_a_command(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "config.yaml").write_text("flow: {height_um: 0}\nnumerics: {spacing_um: 4}\n")
+    code, summary, message = call(capsys, "flow", *ARRAY, "--drive", "axial")
+    assert code == 0 and summary["height_um"] == 0, message
+    code, _, message = call(capsys, "run", *ARRAY, "--set", "1")
+    assert code == 2 and "the configuration has no stiffness_sets" in message
 
 
 def test_set_without_configuration(capsys, monkeypatch, tmp_path):
@@ -269,7 +287,7 @@ def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
     assert set(summary["rows"][0]) == {c.name for c in COLUMNS["anova"]}
     assert set(summary["diagnostics"][0]) == {c.name for c in COLUMNS["anova_diagnostics"]}
     assert summary["sobol"] or summary["sobol_refused"]
-    assert call(capsys, "anova", tmp_path / "table.csv", "--seed", 2**64 - 1)[0] == 0
+    assert call(capsys, "anova", tmp_path / "table.csv", "--seed", 2**63 - 1)[0] == 0
     effects = {r["term"]: r["p_value"] for r in summary["rows"] if r["model"] == "main_effects"}
     assert effects["pillar_radius_um"] < 1e-6 < effects["gap_um"]
 

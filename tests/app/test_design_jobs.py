@@ -12,19 +12,14 @@ import yaml
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
 from dldsim.app import cli, design_answers, design_jobs
-from dldsim.config.sections import (
-    DesignRequest,
-    Device,
-    Flow,
-    Numerics,
-    RunControl,
-    Verification,
-    resolve,
-)
+from dldsim.config.design_sections import DesignRequest, Device, Verification
+from dldsim.config.presets import resolve
+from dldsim.config.sections import Flow, Numerics, RunControl
 from dldsim.design import finished_campaign
 from dldsim.design.search import search
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, read_rows, read_table, write_table
+from dldsim.tables.parquet import read_rows, read_table, write_table
+from dldsim.tables.registry import COLUMNS
 from tests.analysis.test_surrogate import make_outcomes
 from tests.app.test_cli import call
 from tests.design.test_search import Known, ask, hill, make_flows
@@ -116,7 +111,7 @@ def test_design_prints_a_summary_to_be_read(capsys, campaign):
         ([*ASK, "--gap-um", "5", "6"], ["no geometry", "safety", "gap_um"]),
         ([*ASK, "--pillar-radius-um", "0.5", "1"], ["no geometry", "slender"]),
         ([*ASK, "--pressure-max-kpa", "1e-9"], ["none of 30 trials", "pressure drop"]),
-        ([*ASK, "--r1", "-1"], ["radius_1_um", "-1", "number > 0"]),
+        ([*ASK, "--r1", "-1"], ["radius_1_um", "-1", "number ≥ 0.1"]),
         ([*ASK, "--objective", "best"], ["--objective", "robust"]),
     ],
 )  # fmt: skip
@@ -160,8 +155,8 @@ def test_verified_designs_are_printed_and_written(capsys, campaign, tmp_path, mo
 @pytest.mark.parametrize(
     ("argv", "parts"),
     [
-        (["--seed", "-1"], ["--seed", "'-1'", "0 to 18446744073709551615"]),
-        (["--seed", str(2**64)], ["--seed", str(2**64)]),
+        (["--seed", "-1"], ["--seed", "'-1'", "0 to 9223372036854775807"]),
+        (["--seed", str(2**63)], ["--seed", str(2**63)]),
         (["--tolerance-um", "nan"], ["--tolerance-um", "'nan'", "finite"]),
         (["--gap-um", "14", "inf"], ["--gap-um", "'inf'"]),
         (["--safety-distance-um", "-1"], ["safety_distance_um", "-1.0", "≥ 0"]),
@@ -182,8 +177,8 @@ def test_what_no_search_can_serve_is_told_before_it(capsys, campaign, tmp_path, 
 
 
 def test_the_largest_seed_is_served(capsys, campaign):
-    code, summary, _ = call(capsys, "design", *ASK, "--seed", 2**64 - 1, "--results", campaign)
-    assert code == 0 and summary["seed"] == 2**64 - 1
+    code, summary, _ = call(capsys, "design", *ASK, "--seed", 2**63 - 1, "--results", campaign)
+    assert code == 0 and summary["seed"] == 2**63 - 1
 
 
 CONFIG = (Path(__file__).parents[2] / "config.yaml").read_text(encoding="utf-8")

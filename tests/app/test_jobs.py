@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from dldsim.app import jobs
-from dldsim.config import campaign
-from dldsim.config.sections import read_config
+from dldsim.config import campaign, identifiers
+from dldsim.config.presets import read_config
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_run import MIGRATION, RunResult, known_of, migration_of
 from dldsim.experiments.outcome_files import OutcomeFiles, Partial
-from dldsim.tables.parquet import COLUMNS, read_rows, write_table
+from dldsim.tables.parquet import read_rows, write_table
+from dldsim.tables.registry import COLUMNS
 
 GEOMETRY = "r05.0_g20.0_n04"
 CONFIG = read_config(Path(__file__).parents[2] / "config.yaml", {
@@ -69,7 +70,7 @@ def finished_flow(files, monkeypatch):
 
 def release(place, rows=4, lane=True):
     """RunResult of a made-up run: bumping row after row, or wandering."""
-    outcome, name = OUTCOME, campaign.run_id(OUTCOME, place)
+    outcome, name = OUTCOME, identifiers.run_id(OUTCOME, place)
     config = resolve_sections()
     row = {
         **dict.fromkeys(c.name for c in COLUMNS["runs"] if c.nullable),
@@ -88,7 +89,7 @@ def release(place, rows=4, lane=True):
 
 
 def resolve_sections():
-    geometry = campaign.parse_geometry(GEOMETRY)
+    geometry = identifiers.parse_geometry(GEOMETRY)
     return (geometry, CONFIG.stiffness_sets["1"], "1", CONFIG.cell, CONFIG.flow, CONFIG.numerics)
 
 

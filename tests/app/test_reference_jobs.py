@@ -7,11 +7,12 @@ import pytest
 
 from dldsim.analysis import uncertainty
 from dldsim.app import reference_jobs
-from dldsim.config.campaign import parse_outcome
-from dldsim.config.sections import read_config
+from dldsim.config.identifiers import parse_outcome
+from dldsim.config.presets import read_config
 from dldsim.errors import DldsimError
 from dldsim.evidence import reference_study
-from dldsim.tables.parquet import COLUMNS, read_rows, write_table
+from dldsim.tables.parquet import read_rows, write_table
+from dldsim.tables.registry import COLUMNS
 
 SETTINGS = {"seed": 1}
 

@@ -12,13 +12,14 @@ import pytest
 from PIL import Image
 
 from dldsim import PHYSICS_VERSION
-from dldsim.config.sections import Cell, DesignRequest, Device, Flow, Geometry, Numerics, RunControl
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl
 from dldsim.design.export import FILES, Verified, describe, export_design, make_streams
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_run import simulate_outcome
 from dldsim.experiments.vtk import Recorder
 from dldsim.solver.flow import solve_empty_array
-from dldsim.tables.parquet import COLUMNS
+from dldsim.tables.registry import COLUMNS
 from tests.experiments.test_vtk import SOFT
 
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from dldsim.config.sections import Device, Geometry
+from dldsim.config.design_sections import Device
+from dldsim.config.sections import Geometry
 from dldsim.design.layout import Stream, make_layout
 from dldsim.design.mask import draw_mask, write_dxf, write_gds
 from dldsim.errors import DldsimError

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 
 from dldsim.analysis import surrogate
-from dldsim.config.sections import DesignRequest, Device, Flow
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.sections import Flow
 from dldsim.design.candidates import transition_geometries
 from dldsim.design.chip import Chip, Resistance
 from dldsim.design.search import regret, search

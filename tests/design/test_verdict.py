@@ -6,7 +6,8 @@ import pytest
 
 from dldsim.config.sections import Geometry, Numerics
 from dldsim.design.verdict import design_verdict, parts, separated
-from dldsim.solver.pillars import next_finer, whole_shift_spacing
+from dldsim.laws import whole_shift_spacing
+from dldsim.solver.pillars import next_finer
 
 
 def pair(first, second, spread=0.1, status="decided", spacing_um=1.1, lag=0.15, basis="modelled",

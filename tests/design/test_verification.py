@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from dldsim.config.design_sections import Verification as Budget
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
-from dldsim.config.sections import Verification as Budget
 from dldsim.design.populations import Population, make_populations, stiffness_at
 from dldsim.design.rounds import verify
 from dldsim.design.simulator import Scene, Simulator, conditions
@@ -16,7 +16,8 @@ from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
 from dldsim.experiments import array_run
 from dldsim.experiments.migration import mode_of
-from dldsim.tables.parquet import COLUMNS, write_table
+from dldsim.tables.parquet import write_table
+from dldsim.tables.registry import COLUMNS
 from tests.design.test_search import CHIP, Known, ask
 from tests.experiments.test_vtk import SOFT
 
@@ -81,7 +82,7 @@ def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
     best = verdicts.designs.iloc[0]
     assert best["separation_finer_deg"] == pytest.approx(best["separation_deg"])
     assert pd.isna(verdicts.designs["separates"].iloc[1])  # only the best was confirmed
-    assert best["stopped"] == "round 1: predictions confirmed"
+    assert (best["stop"], best["stopped"]) == ("confirmed", "round 1: predictions confirmed")
     assert best["separates"] and "separates by" in best["verdict"]
     assert "prediction confirmed" in best["verdict"]
     at_setting = verdicts.verifications.query("role == 'design'")
@@ -120,6 +121,7 @@ def test_candidates_simulated_before_end_the_rounds():
     request = ask(sampler="grid", grid_steps=5)
     verdicts = check(Known(summit), Nature(flat), request=request, designs_per_round=1, rounds=3)
     assert len(differences(verdicts)) == 1
+    assert verdicts.designs["stop"].iloc[0] == "known"
     assert "have been simulated before" in verdicts.designs["stopped"].iloc[0]
 
 
@@ -128,6 +130,7 @@ def test_budget_is_never_exceeded():
     verdicts = check(Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5,
                     height_runs=True)
     assert len(nature.asked) == 4
+    assert verdicts.designs["stop"].iloc[0] == "budget"
     assert verdicts.designs["stopped"].iloc[0] == "round 1: budget of 5 outcomes spent"
 
 
@@ -138,6 +141,7 @@ def test_an_interval_that_includes_zero_confirms_nothing_and_the_rounds_go_on():
     assert table["agrees"].tolist() == [None, None]
     assert table["verdict"].str.startswith("prediction uninformative: its interval, -").all()
     assert "prediction confirmed" not in " ".join(verdicts.designs["verdict"])
+    assert verdicts.designs["stop"].iloc[0] == "rounds"
     assert verdicts.designs["stopped"].iloc[0] == "2 rounds done"
     missed = differences(check(vague, Nature(lambda r, g, n, d, cell: 200 * d), rounds=1))
     assert missed["agrees"].tolist() == [False, False]  # that much says even a wide interval

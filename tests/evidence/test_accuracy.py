@@ -6,12 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim.config.sections import Accuracy, read_config
+from dldsim.config.presets import read_config
+from dldsim.config.study_sections import Accuracy
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
 from dldsim.evidence.accuracy import DEFAULT, LONG, REFERENCE, SETTING, Variant
 from dldsim.report import accuracy_figures, style
-from dldsim.tables.parquet import COLUMNS, write_table
+from dldsim.tables.parquet import write_table
+from dldsim.tables.registry import COLUMNS
 
 ONE = "r05.0_g20.0_n04_s1"
 BUMP = math.degrees(math.atan(1 / 4))
@@ -112,6 +114,27 @@ def test_an_impossible_knob_is_named(config, part, knobs, word):
     changed = study(**{part: {"knobs": knobs}})
     with pytest.raises(DldsimError, match=word):
         accuracy.variants(config.model_copy(update={"accuracy": changed}))
+
+
+@pytest.mark.parametrize(
+    ("part", "knobs", "key"),
+    [
+        ("migration_angle", {"rows": [1, 100]}, "numerics.rows"),
+        ("migration_angle", {"spacing_um": [20.0, 1.25]}, "gap_um"),
+        ("deformation_index", {"release_position_um": [-3.0, 0.0]}, "release_positions_um.0"),
+        ("deformation_index", {"release_position_um": [20.0, 0.0]},
+         "constriction.release_positions_um"),
+        ("deformation_index", {"throat_width_um": [50.0, 8.0]}, "constriction.throat_width_um"),
+    ],
+)  # fmt: skip
+def test_a_value_that_no_run_can_have_is_refused(config, part, knobs, key):
+    cases = {"migration_angle": {"one": ONE}, "deformation_index": ["G1"]}[part]
+    changed = study(**{part: {"cases": cases, "knobs": knobs}})
+    config = config.model_copy(update={"accuracy": changed})
+    with pytest.raises(DldsimError) as caught:
+        for variant in accuracy.variants(config):
+            accuracy.settings_for(variant, config)
+    assert caught.value.key == key
 
 
 # ---------------------------------------------------------------------------------- replaying

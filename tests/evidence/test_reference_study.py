@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dldsim.config.campaign import parse_outcome
-from dldsim.config.sections import CriticalGap, Reference, read_config
+from dldsim.config.identifiers import parse_outcome
+from dldsim.config.presets import read_config
+from dldsim.config.study_sections import CriticalGap, Reference
 from dldsim.errors import DldsimError
 from dldsim.evidence import reference_study as study
 from dldsim.evidence.reference_study import CAMPAIGN, REYNOLDS, SPACING, SPHERE, Search, Start
-from dldsim.solver.pillars import whole_shift_spacing
+from dldsim.laws import whole_shift_spacing
 
 BRACKET = (15.0, 21.0)
 SEARCH = Search(8.0, 10, "1")

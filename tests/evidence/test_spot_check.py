@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dldsim.evidence import spot_check
-from dldsim.tables.parquet import COLUMNS
+from dldsim.tables.registry import COLUMNS
 
 NAMES = [f"r08.0_g{g}.0_n10_s{s}" for g in range(12, 22) for s in "135"]
 

@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 import yaml
 
-from dldsim.config.sections import resolve
+from dldsim.config.presets import resolve
 from dldsim.errors import DldsimError
 from dldsim.evidence import stability_sweep as sweep
 from dldsim.report import stability_figures
-from dldsim.tables.parquet import COLUMNS, read_table, write_table
+from dldsim.tables.parquet import read_table, write_table
+from dldsim.tables.registry import COLUMNS
 
 RAW = yaml.safe_load((Path(__file__).parents[2] / "config.yaml").read_text(encoding="utf-8"))
 

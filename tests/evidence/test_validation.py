@@ -20,7 +20,8 @@ from dldsim.errors import DldsimError
 from dldsim.evidence import reference, validation, validation_fluid, validation_membrane
 from dldsim.evidence.validation import BROKEN, CASES, Comparison, check_cases, run_case
 from dldsim.report import validation_figures
-from dldsim.tables.parquet import COLUMNS, read_rows, read_table, write_csv, write_table
+from dldsim.tables.parquet import read_rows, read_table, write_csv, write_table
+from dldsim.tables.registry import COLUMNS
 
 ROOT = Path(__file__).parents[2]
 CHEAP = ("membrane-forces", "plane-poiseuille")

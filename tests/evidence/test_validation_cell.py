@@ -9,8 +9,9 @@ from dldsim.errors import DldsimError
 from dldsim.evidence import validation_cell
 from dldsim.evidence.reference import read_reference
 from dldsim.evidence.validation import run_case
-from dldsim.evidence.validation_cell import LAST_STEP, Passage, critical_interval, law_of_davis
+from dldsim.evidence.validation_cell import LAST_STEP, Passage, critical_interval
 from dldsim.experiments.shear import ShearRun
+from dldsim.laws import critical_diameter
 from dldsim.report import style, validation_figures
 from dldsim.tables.parquet import read_table, write_table
 
@@ -57,7 +58,7 @@ def array(periodicity):
 @pytest.mark.parametrize("periodicity", [3, 10, 30])
 @pytest.mark.parametrize("share", [0.75, 0.999, 1.001, 1.3])
 def test_search_brackets_the_critical_diameter(monkeypatch, periodicity, share):
-    asked, critical = [], share * law_of_davis(periodicity)
+    asked, critical = [], share * critical_diameter(1, 1 / periodicity)
     spheres_that_bump_from(critical, asked, monkeypatch)
     low, high, passages = critical_interval(array(periodicity))
     assert low < critical <= high and high - low <= 1.01 * LAST_STEP
@@ -77,7 +78,8 @@ def test_transition_is_compared_with_law_and_bound(monkeypatch):
         assert row["reference"] == pytest.approx(1.4 * row["parameter"] ** -0.48)
         assert "deformation up to 0.050" in row["note"] and "0.10%" in row["note"]
     bounds = [r["reference"] for r in rows if r["quantity"].endswith("streamline bound")]
-    assert all(b < law_of_davis(r["parameter"]) for b, r in zip(bounds, marked, strict=True))
+    laws = [critical_diameter(1, 1 / row["parameter"]) for row in marked]
+    assert all(bound < law for bound, law in zip(bounds, laws, strict=True))
 
 
 def test_a_small_sphere_zigzags_and_a_large_one_bumps():

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from dldsim.config import limits
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError, NoRoom
 from dldsim.experiments import array_run
@@ -15,7 +16,8 @@ from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.solver.flow import array_of, solve_empty_array
 from dldsim.solver.time_loop import Sample
 from dldsim.solver.time_step import refined
-from dldsim.tables.parquet import COLUMNS, read_rows, write_table
+from dldsim.tables.parquet import read_rows, write_table
+from dldsim.tables.registry import COLUMNS
 
 SET_1 = Stiffness(
     ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
@@ -45,6 +47,18 @@ def run(empty, control=THREE_ROWS, stiffness=SET_1, numerics=NUMERICS, **options
 @pytest.fixture(scope="module")
 def result(empty):
     return run(empty)
+
+
+def test_a_run_that_takes_too_long_is_refused_before_it_starts(empty, monkeypatch):
+    stiff = SET_1.model_copy(update={"ks_uN_per_m": 1e6, "kb_pN_um": 1e5})
+    long = THREE_ROWS.model_copy(update={"max_rows": 1000})
+    monkeypatch.setattr(array_run.CellInFlow, "advance", None)
+    with pytest.raises(DldsimError, match="time step shortened by .* too stiff") as caught:
+        run(empty, long, stiff)
+    assert caught.value.key == "limits.run_hours" and "hours" in str(caught.value)
+    monkeypatch.setenv(limits.VARIABLE, limits.Limits(run_hours=1e-9).model_dump_json())
+    with pytest.raises(DldsimError, match=r"run_hours is 1e-09"):
+        run(empty)
 
 
 def columns(result):

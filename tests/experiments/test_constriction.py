@@ -8,7 +8,8 @@ from dldsim.errors import DldsimError
 from dldsim.experiments import constriction
 from dldsim.experiments.constriction import make_channel, simulate_constriction
 from dldsim.solver.flow import Fluid
-from dldsim.tables.parquet import COLUMNS, write_table
+from dldsim.tables.parquet import write_table
+from dldsim.tables.registry import COLUMNS
 
 GROUP = ConstrictionGroup(
     velocity_mm_s=1.0,
@@ -35,6 +36,18 @@ def pass_throat(channel=CHANNEL, cell=CELL, numerics=NUMERICS, group=GROUP, **op
 def result():
     """A cell of 10 µm through a throat of 8 µm."""
     return pass_throat()
+
+
+def test_a_passage_that_takes_too_long_is_refused_before_it_starts(monkeypatch):
+    monkeypatch.setattr(constriction, "_steady_start", None)
+    thin = Flow(viscosity_mPa_s=0.01)
+    stiff = GROUP.stiffness.model_copy(update={"ks_uN_per_m": 1e6})
+    with pytest.raises(DldsimError, match="time step shortened by .* too stiff") as caught:
+        simulate_constriction(
+            "G1", GROUP.model_copy(update={"stiffness": stiff}), CHANNEL, CELL, thin, NUMERICS,
+            release_position_um=1.0, run_id="G1_0",
+        )  # fmt: skip
+    assert caught.value.key == "limits.run_hours"
 
 
 def test_channel_on_the_lattice():
@@ -150,7 +163,7 @@ def test_an_unstable_passage_has_no_deformation_index(tmp_path):
     ("change", "cell", "release", "message"),
     [
         ({"throat_width_um": 16.0}, CELL, 0.0, "throat_width_um = 16 must be below"),
-        ({}, CELL, 7.0, "release position 7 µm .* allowed 0 to 6"),
+        ({}, CELL, 7.0, "7 µm does not fit the approach .* allowed 0 to 6"),
         ({}, Cell(radius_um=9.0), 0.0, "does not fit"),
         ({"height_um": 4.0}, CELL, 0.0, "does not fit the channel of 16 × 4 µm"),
         ({"height_um": 0.3}, CELL, 0.0, "height_um"),

@@ -103,7 +103,7 @@ def make_verified(request: str) -> pd.DataFrame:
         "separation_tolerance_min_deg": 2.0, "separation_tolerance_max_deg": 4.5,
         "robust_separation_deg": 1.0, "mode_change_probability": 0.1,
         "pressure_basis": "flow without a cell", "throughput_uL_per_h": 72.0,
-        "stopped": "2 rounds done",
+        "stop": "rounds", "stopped": "2 rounds done",
     }  # fmt: skip
     rows = [
         {**common, **known, "rank": 1, "name": "made-up-1", "array": 1, "round": 1, "agrees": True,

@@ -29,7 +29,8 @@ from dldsim.report import page as report_page
 from dldsim.report.formats import duration, number, probability
 from dldsim.report.inputs import CARD, STUDIES, TABLES
 from dldsim.report.sections import summary
-from dldsim.tables.parquet import COLUMNS, write_csv, write_table
+from dldsim.tables.parquet import write_csv, write_table
+from dldsim.tables.registry import COLUMNS
 from dldsim.vocabulary import SETTLED
 from tests.report.design_tables import make_design_tables
 
@@ -598,10 +599,11 @@ def test_a_report_is_made_of_what_there_is(tmp_path, blank_figures):
     tables = make_design_tables("first")
     for kind in ("designs", "design_trials"):
         write_table(kind, tables[kind], tmp_path / TABLES[kind][0], PROVENANCE)
+    told = [{"request": "first", "status": "answered", "reason": ""},
+            {"request": "second", "status": "failed", "reason": "second: no array is feasible"}]
+    write_table("design_requests", told, tmp_path / TABLES["design_requests"][0], PROVENANCE)
     (tmp_path / "anova.parquet").write_bytes(b"PAR1 cut short")
     (tmp_path / "surrogate_card.json").write_text("{")
-    (tmp_path / "logs").mkdir()
-    (tmp_path / "logs" / "designs.log").write_text("searching\nsecond: no array is feasible\n")
     os.utime(tmp_path / "designs.parquet", (1, 1))
     config = {**CONFIG, "design_requests": [{"name": "first"}, {"name": "second"}]}
     campaign_page.make_report(tmp_path, tmp_path / "report.html", config)
@@ -797,7 +799,7 @@ def test_gap_height_is_constant_when_the_cell_follows_the_rows():
 
 def test_pillars_stand_on_the_shifted_lattice():
     run = {"pitch_um": 30.0, "row_shift_fraction": 0.2, "pillar_radius_um": 5.0}
-    centres = trajectory_figures.pillar_centres(run, (-1.0, 61.0), (0.0, 40.0))
+    centres = trajectory_figures.pillars_in(run, (-1.0, 61.0), (0.0, 40.0))
     rows = np.round(centres[:, 0] / 30.0)
     lanes = (centres[:, 1] - 6.0 * rows) / 30.0
     assert centres[:, 0] == pytest.approx(30.0 * rows) and lanes == pytest.approx(np.round(lanes))

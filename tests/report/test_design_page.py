@@ -4,7 +4,8 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_hex
 
-from dldsim.config.sections import CellShape, DesignRequest, Flow
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.sections import CellShape, Flow
 from dldsim.design.export import passage_label
 from dldsim.report import design_figures
 from dldsim.report.design_page import write_report
@@ -28,6 +29,7 @@ def page(tmp_path_factory):
         "design_requests": [request_of("pair", pillar_radius_um=(6, 12), periodicity=(4, 8))],
         "surrogate": {"scores_by_geometry": {"median_absolute_error_deg": 0.3, "rmse_deg": 1.2},
                       "data": {"used": 81, "geometries": 27, "sha256": "c34d39417d799b9d4f"}},
+        "holds_for": "biconcave discs of the radii named",
     }}  # fmt: skip
     for kind, table in make_design_tables("pair").items():
         write_table(kind, table, folder / f"{kind}.parquet", about)

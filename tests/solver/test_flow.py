@@ -9,10 +9,11 @@ import pytest
 from dldsim.config.sections import Flow, Geometry, Numerics
 from dldsim.errors import DldsimError
 from dldsim.evidence.reference import read_reference
+from dldsim.laws import viscosity
 from dldsim.solver.flow import EmptyFlow, Fluid, advance_to_steady, array_of, solve_empty_array
-from dldsim.solver.lattice import make_lattice, viscosity
+from dldsim.solver.lattice import make_lattice
 from dldsim.solver.pillars import make_array, make_pillars
-from dldsim.tables.parquet import COLUMNS
+from dldsim.tables.registry import COLUMNS
 
 IN_2D = Flow(height_um=0)
 DEFAULT = Numerics()
@@ -329,7 +330,6 @@ DAMAGE = {
     "flipped byte": lambda path, content: path.write_bytes(
         content[:-3000] + bytes([content[-3000] ^ 255]) + content[-2999:]
     ),
-    "missing": lambda path, content: path.unlink(),
 }
 
 
@@ -340,6 +340,12 @@ def test_damaged_and_foreign_flow_files_are_refused(small_flow, tmp_path, damage
     DAMAGE[damage](path, path.read_bytes())
     with pytest.raises(DldsimError, match="flow.npz.*Delete it"):
         EmptyFlow.load(path)
+
+
+def test_a_missing_flow_file_is_not_called_damaged(tmp_path):
+    with pytest.raises(DldsimError, match="flow.npz cannot be read: No such file") as caught:
+        EmptyFlow.load(tmp_path / "flow.npz")
+    assert "Delete" not in str(caught.value)
 
 
 def test_flow_file_of_other_physics_is_refused(small_flow, tmp_path, monkeypatch):
@@ -356,9 +362,9 @@ def test_geometry_that_does_not_fit_the_lattice_is_refused():
     with pytest.raises(DldsimError, match="numerics.rows = 5"):
         make_array(geometry, IN_2D, Numerics(rows=5))
     narrow = Geometry(pillar_radius_um=13.0, gap_um=4.0, periodicity=4)
-    with pytest.raises(DldsimError, match="gap_um = 4 .* refine"):
+    with pytest.raises(DldsimError, match="gap_um = 4 .* Refine"):
         make_array(narrow, IN_2D, DEFAULT)
-    with pytest.raises(DldsimError, match="height_um = 3 .* refine"):
+    with pytest.raises(DldsimError, match="height_um = 3 .* Refine"):
         make_array(geometry, Flow(height_um=3.0), DEFAULT)
 
 

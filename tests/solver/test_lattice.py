@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dldsim.errors import DldsimError
+from dldsim.laws import viscosity
 from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import (
     OPPOSITE,
@@ -16,7 +17,6 @@ from dldsim.solver.lattice import (
     make_lattice,
     neighbour,
     stream_collide,
-    viscosity,
 )
 from tests.solver import naive
 

@@ -15,9 +15,11 @@ from snakemake.io import apply_wildcards
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
 from dldsim.app import freshness
-from dldsim.config import campaign
+from dldsim.config import campaign, identifiers, limits
+from dldsim.config.provenance import check_stamp, settings_hash, write_stamp
 from dldsim.evidence import accuracy, reference_study, spot_check
-from dldsim.config.sections import CELL_NUMERICS, read_layer, resolve
+from dldsim.config.presets import origins, read_layer, resolve
+from dldsim.config.sections import CELL_NUMERICS
 from dldsim.errors import DldsimError
 from dldsim.evidence.stability_sweep import FAMILIES
 from dldsim.evidence.validation import CASES
@@ -39,7 +41,8 @@ def refuse(check, folder, option):
 
 
 def configurations():
-    """What we ship, the files that the user names, the command line: by name, later ones win."""
+    """What we ship, the files that the user names, the command line: by name, later ones win. Files
+    are read once more, because Snakemake drops keys that stand twice and reads 010 as eight."""
     given = workflow.config_settings
     layers = {}
     if not given.replace_workflow_config:
@@ -52,14 +55,15 @@ try:
     LAYERS = configurations()
     *FILES, COMMAND_LINE = LAYERS.values()
     CONFIG = resolve({}, COMMAND_LINE, FILES)
+    limits.enforce(CONFIG.limits)
     if workflow.is_main_process:
-        logger.info(campaign.origins(LAYERS))
+        logger.info(origins(LAYERS))
     if workflow.is_main_process:
         for folder in filter(os.path.exists, (".", RESULTS)):
             refuse(campaign.check_writable, folder, option="dryrun")
-        refuse(campaign.check_stamp, RESULTS, option="forceall")
-    GEOMETRIES = [campaign.geometry_id(g) for g in campaign.geometries(CONFIG)]
-    OUTCOMES = [campaign.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
+        refuse(check_stamp, RESULTS, option="forceall")
+    GEOMETRIES = [identifiers.geometry_id(g) for g in campaign.geometries(CONFIG)]
+    OUTCOMES = [identifiers.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
     PAIRS = reference_study.pairs(CONFIG)
     SEARCHES = [reference_study.search_id(s) for s in reference_study.searches(CONFIG)]
@@ -72,9 +76,9 @@ REQUESTS = [request.name for request in CONFIG.design_requests]
 
 
 wildcard_constraints:
-    geometry=campaign.GEOMETRY_PATTERN,
-    outcome=campaign.OUTCOME_PATTERN,
-    constriction=campaign.CONSTRICTION_PATTERN,
+    geometry=identifiers.GEOMETRY_PATTERN,
+    outcome=identifiers.OUTCOME_PATTERN,
+    constriction=identifiers.CONSTRICTION_PATTERN,
     variant=r"[A-Za-z0-9._-]+--[a-z_]+--\d+--\d+",
     case=r"[a-z-]+",
     request=r"[A-Za-z0-9-]+",
@@ -114,7 +118,7 @@ def settings_of(*sections):
 
 def gathered(parts, *sections):
     """The same for a table of parts: which parts they are belongs to it."""
-    return {**settings_of(*sections), "parts": f"{len(parts)} ({campaign.settings_hash(parts)})"}
+    return {**settings_of(*sections), "parts": f"{len(parts)} ({settings_hash(parts)})"}
 
 
 def seeded(*sections):
@@ -128,7 +132,7 @@ def flow_settings(wildcards):
 
 
 def outcome_settings(wildcards):
-    stiffness = CONFIG.stiffness_sets[campaign.parse_outcome(wildcards.outcome).stiffness_set]
+    stiffness = CONFIG.stiffness_sets[identifiers.parse_outcome(wildcards.outcome).stiffness_set]
     return {
         **settings_of("cell", "flow", "numerics", "run_control"),
         "stiffness": stiffness.model_dump(mode="json"),
@@ -197,11 +201,11 @@ def spot_check_releases(wildcards):
 
 
 def constriction_settings(wildcards):
-    name, position, design = campaign.parse_constriction(wildcards.constriction)
+    name, position, design = identifiers.parse_constriction(wildcards.constriction)
     channel = CONFIG.constriction.model_dump(mode="json")
     positions, velocity = (channel.pop(k) for k in ("release_positions_um", "fixed_velocity_mm_s"))
     group = CONFIG.constriction_groups[name].model_dump(mode="json")
-    if design == campaign.FIXED_VELOCITY:
+    if design == identifiers.FIXED_VELOCITY:
         group |= {"velocity_mm_s": velocity, "stiffness_set": None}
     return {
         "group": group,
@@ -242,7 +246,7 @@ def made(path):
 
 
 def flow_of_outcome(wildcards):
-    geometry = campaign.geometry_id(campaign.parse_outcome(wildcards.outcome).geometry)
+    geometry = identifiers.geometry_id(identifiers.parse_outcome(wildcards.outcome).geometry)
     return {
         "flow": f"{RESULTS}/flow/{geometry}.npz",
         "flow_row": f"{RESULTS}/flow/{geometry}.flow.parquet",

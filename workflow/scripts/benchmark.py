@@ -2,7 +2,7 @@
 
 from dldsim.analysis.regressors import benchmark
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import derive_seed, provenance
+from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

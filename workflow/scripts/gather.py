@@ -1,7 +1,7 @@
 """Tables of one kind into one, with its CSV twin."""
 
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import provenance
+from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import concatenate, write_csv
 
 with job_log(snakemake.log[0]):

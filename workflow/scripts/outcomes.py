@@ -3,7 +3,7 @@
 from dldsim.analysis.calibration import join_deformation_index
 from dldsim.analysis.uncertainty import read_model, with_uncertainty
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import provenance
+from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import read_many, read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

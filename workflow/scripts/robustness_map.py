@@ -2,7 +2,7 @@
 
 from dldsim.analysis.robustness import robustness
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import provenance
+from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

@@ -5,7 +5,7 @@ from pathlib import Path
 from dldsim.analysis.sensitivity import examine
 from dldsim.analysis.surrogate import load
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import derive_seed, provenance
+from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
 with job_log(snakemake.log[0]):

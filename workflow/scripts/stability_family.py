@@ -1,8 +1,8 @@
 """One family of the stability sweep: its points out."""
 
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import provenance
-from dldsim.config.sections import sections_from
+from dldsim.config.configuration import sections_from
+from dldsim.config.provenance import provenance
 from dldsim.evidence.stability_sweep import run_family
 from dldsim.tables.parquet import write_table
 

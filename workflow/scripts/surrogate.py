@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dldsim.analysis.surrogate import fit
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import derive_seed, provenance
+from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table
 
 with job_log(snakemake.log[0]):

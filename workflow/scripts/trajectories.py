@@ -1,7 +1,7 @@
 """All trajectories into one table."""
 
 from dldsim.app.jobs import job_log
-from dldsim.config.campaign import provenance
+from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import concatenate
 
 with job_log(snakemake.log[0]):

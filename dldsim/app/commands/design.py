@@ -6,8 +6,10 @@ from pathlib import Path
 
 from dldsim.app.commands.options import add_command, add_config, add_option, number, option_of, seed
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
-from dldsim.app.commands.settings import check_field, configuration, given_by, safety_distance_um
-from dldsim.config.sections import DesignRequest, Device, Sweep, Verification, validate
+from dldsim.app.commands.settings import configuration, given_by, safety_distance_um
+from dldsim.config.configuration import Sweep
+from dldsim.config.design_sections import DesignRequest, Device, Verification
+from dldsim.config.explain import check_value, validate
 
 
 def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -25,7 +27,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
                        "--output")
     safety = safety_distance_um(config)
     if args.safety_distance_um is not None:
-        safety = check_field(Sweep, "safety_distance_um", args.safety_distance_um)
+        safety = check_value(Sweep, "safety_distance_um", args.safety_distance_um)
     known = finished_campaign.read_campaign(
         args.results or finished_campaign.packaged_campaign(),
         Device() if config is None else config.device, safety,

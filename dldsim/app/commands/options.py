@@ -7,8 +7,9 @@ import typing
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from dldsim.app.commands.settings import check_field
-from dldsim.config.sections import Config, Geometry, Section
+from dldsim.config.configuration import SEED_MAX, Config
+from dldsim.config.explain import check_value
+from dldsim.config.sections import Geometry, Section
 from dldsim.errors import DldsimError
 
 UNITS = {
@@ -99,8 +100,8 @@ def number(text: str) -> float:
 def seed(text: str) -> int:
     """A seed of the command line."""
     try:
-        return check_field(Config, "seed", int(text))
+        return check_value(Config, "seed", int(text))
     except (ValueError, DldsimError):
         raise argparse.ArgumentTypeError(
-            f"{text!r}: a seed is a whole number from 0 to {2**64 - 1}"
+            f"{text!r}: a seed is a whole number from 0 to {SEED_MAX}"
         ) from None

@@ -5,23 +5,27 @@ import difflib
 from pathlib import Path
 from typing import Any
 
-from pydantic import create_model
-
-from dldsim.config.sections import Config, Geometry, Section, Sweep, read_config, validate
+from dldsim.config import limits
+from dldsim.config.configuration import Partial, Sweep
+from dldsim.config.explain import validate
+from dldsim.config.presets import read_partial
+from dldsim.config.sections import Geometry, Section
 from dldsim.errors import DldsimError
 
 DEFAULT_CONFIG = Path("config.yaml")
 
 
-def configuration(path: Path | None) -> Config | None:
+def configuration(path: Path | None) -> Partial | None:
     """The configuration file, by default ./config.yaml; None if there is none."""
     if path is None and not DEFAULT_CONFIG.exists():
         return None
-    return read_config(path or DEFAULT_CONFIG)
+    config = read_partial(path or DEFAULT_CONFIG)
+    limits.enforce(config.limits)
+    return config
 
 
-def safety_distance_um(config: Config | None) -> float:
-    if config is None:
+def safety_distance_um(config: Partial | None) -> float:
+    if config is None or config.sweep is None:
         return Sweep.model_fields["safety_distance_um"].default
     return config.sweep.safety_distance_um
 
@@ -32,7 +36,7 @@ def given_by(model: type[Section], args: argparse.Namespace) -> dict:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def section_of(model: type[Section], config: Config | None, args: argparse.Namespace) -> Any:
+def section_of(model: type[Section], config: Partial | None, args: argparse.Namespace) -> Any:
     """A section of the configuration with the command line over it."""
     base = {}
     if config is not None:
@@ -40,18 +44,11 @@ def section_of(model: type[Section], config: Config | None, args: argparse.Names
     return validate(model, base | given_by(model, args))
 
 
-def check_field(model: type[Section], key: str, value: Any) -> Any:
-    """A value of one field of a section. Raises DldsimError that names it."""
-    field = model.model_fields[key]
-    one = create_model(model.__name__, __base__=Section, **{key: (field.annotation, field)})
-    return getattr(validate(one, {key: value}), key)
-
-
 def geometry_of(args: argparse.Namespace) -> Geometry:
     return validate(Geometry, given_by(Geometry, args))
 
 
-def entry_of(config: Config | None, section: str, name: str, option: str) -> Any:
+def entry_of(config: Partial | None, section: str, name: str, option: str) -> Any:
     """An entry of a section by name."""
     if config is None:
         raise DldsimError(
@@ -59,6 +56,11 @@ def entry_of(config: Config | None, section: str, name: str, option: str) -> Any
             "config.yaml here. Name one with --config FILE."
         )
     entries = getattr(config, section)
+    if not entries:
+        raise DldsimError(
+            f"{option} {name}: the configuration has no {section}.", key=section,
+            allowed="entries by name", remedy="Add them, or name another file with --config FILE.",
+        )  # fmt: skip
     if name not in entries:
         close = difflib.get_close_matches(name, entries, n=1)
         hint = f" Did you mean {close[0]}?" if close else ""

@@ -21,25 +21,24 @@ from dldsim.app.commands.settings import (
     safety_distance_um,
     section_of,
 )
+from dldsim.config.configuration import Partial
+from dldsim.config.explain import validate
+from dldsim.config.feasibility import check_gap, check_passable
 from dldsim.config.sections import (
     Cell,
     CellShape,
-    Config,
     Constriction,
     ConstrictionGroup,
     Flow,
     Numerics,
     RunControl,
-    check_gap,
-    check_passable,
-    validate,
 )
 from dldsim.errors import DldsimError
 
 
 def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """One cell through one array: from one place of release, or a whole outcome."""
-    from dldsim.config import campaign
+    from dldsim.config import identifiers
 
     config = configuration(args.config)
     geometry = geometry_of(args)
@@ -49,7 +48,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     check_gap(geometry, safety_distance_um(config))
     check_passable(geometry, cell, flow.height_um)
     stiffness = entry_of(config, "stiffness_sets", args.set, "--set")
-    outcome = campaign.outcome_id(campaign.Pair(geometry, args.set))
+    outcome = identifiers.outcome_id(identifiers.Pair(geometry, args.set))
     shown = [f"--{name}" for name in ("movie", "vtk") if getattr(args, name)]
     if shown and (args.out is None or args.releases is not None):
         raise DldsimError(f"{shown[0]} is of one release and is written to --out: give --out DIR, "
@@ -66,7 +65,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     settings = {s.__class__.__name__: s.model_dump(mode="json") for s in sections}
     with Display() as progress:
         if args.releases is None:
-            name = campaign.run_id(outcome, cell.release_gap_fraction)
+            name = identifiers.run_id(outcome, cell.release_gap_fraction)
             result = simulate_run(*sections, run_id=name, outcome_id=outcome,
                                   stiffness_set=args.set, observe=recorder,
                                   progress=progress)
@@ -111,7 +110,7 @@ def _show(args: argparse.Namespace, shapes, row: Mapping, settings: Mapping) -> 
     return files
 
 
-def _control(config: Config | None, args: argparse.Namespace) -> RunControl:
+def _control(config: Partial | None, args: argparse.Namespace) -> RunControl:
     """`run_control` with the command line over it; places of release are those of --releases."""
     base = config.run_control.model_dump() if config else {}
     for given, option, with_releases in (
@@ -186,12 +185,12 @@ NOT_IN_CHANNEL = ("spacing_um", "bounce_back", "rows", "lanes")
 """Numerics of arrays; the channel has a spacing of its own."""
 
 
-def _channel_numerics(config: Config, args: argparse.Namespace) -> Numerics:
+def _channel_numerics(config: Partial, args: argparse.Namespace) -> Numerics:
     given = {k: v for k, v in given_by(Numerics, args).items() if k not in NOT_IN_CHANNEL}
     return validate(Numerics, config.numerics.model_dump() | given)
 
 
-def _constriction_group(config: Config | None, args: argparse.Namespace
+def _constriction_group(config: Partial | None, args: argparse.Namespace
                         ) -> tuple[str, ConstrictionGroup]:
     if args.group is not None:
         name = args.group

@@ -13,7 +13,7 @@ def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Analysis of variance of anybody's table of outcomes."""
     from dldsim.analysis.anova import analyse
     from dldsim.analysis.sensitivity import sobol_of_table
-    from dldsim.config.campaign import derive_seed
+    from dldsim.config.provenance import derive_seed
     from dldsim.tables.user_table import read_user_table
 
     frame, found, _ = read_user_table(args.table)

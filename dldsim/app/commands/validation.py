@@ -27,7 +27,7 @@ def run_validation(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
             rows += run_case(name, progress)
     summary = {"cases": verdicts(rows), "rows": rows}
     if args.out:
-        from dldsim.config.campaign import provenance
+        from dldsim.config.provenance import provenance
         from dldsim.tables.parquet import write_csv, write_table
 
         write_table("validation", rows, args.out, provenance({"cases": names}))

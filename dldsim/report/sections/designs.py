@@ -116,7 +116,8 @@ def answer(page: Page) -> dict:
             "angles are": best["basis"], LENGTH: numbers(best["length_mm"]),
             PRESSURE: numbers(best["pressure_drop_kPa"], 2),
             "throughput [µL/h]": numbers(best["throughput_uL_per_h"]),
-        }, [k for k in ("verified_designs", "designs") if k in page], notes=_notes(best, requests)),
+        }, [k for k in ("verified_designs", "designs", "design_requests", "verified_requests")
+            if k in page], notes=_notes(best, requests)),
     }  # fmt: skip
 
 

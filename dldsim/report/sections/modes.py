@@ -1,9 +1,9 @@
 """Migration modes: row maps near the transition, and the law for rigid spheres."""
 
-from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.report import angle_figures, trajectory_figures
 from dldsim.report.page import Page, Picture
 from dldsim.report.style import measured
+from dldsim.vocabulary import GEOMETRY
 
 ROW_MAPS = 6
 """Arrays whose row maps are drawn."""

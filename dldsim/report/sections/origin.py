@@ -5,7 +5,7 @@ import platform
 from collections.abc import Mapping
 
 import dldsim
-from dldsim.config.campaign import settings_hash
+from dldsim.config.provenance import settings_hash
 from dldsim.report.formats import GAP, PERIODICITY, PILLAR_RADIUS, duration, number, text
 from dldsim.report.page import Page
 from dldsim.report.sections.summary import simulation_time

@@ -2,7 +2,6 @@
 
 from markupsafe import Markup
 
-from dldsim.analysis.design_matrix import GEOMETRY
 from dldsim.analysis.robustness import most_frequent
 from dldsim.report import statistics_figures
 from dldsim.report.formats import (
@@ -16,6 +15,7 @@ from dldsim.report.formats import (
     texts,
 )
 from dldsim.report.page import Page
+from dldsim.vocabulary import GEOMETRY
 
 SURE = 0.05
 """Largest probability of a change in an array that bears the error."""

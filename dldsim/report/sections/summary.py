@@ -11,6 +11,7 @@ from dldsim.report.page import Page
 from dldsim.report.sections import designs
 from dldsim.report.style import MODES, mode_name
 from dldsim.report.surrogate_figures import pooled_scores
+from dldsim.vocabulary import BROKEN, GEOMETRY
 
 STATUS_MEANING = {
     "decided": "known wherever the cell enters",
@@ -29,7 +30,6 @@ RUN_MEANING = {
     "unstable": "the run left the safe range of the numerics",
     "failed": "the run broke off with an error",
 }
-BROKEN = ("stuck", "unstable", "failed")
 
 
 def contents(page: Page) -> dict:
@@ -78,7 +78,7 @@ def card_of(page: Page) -> dict | None:
 def _cards(page: Page, modes: list[str], broken: pd.DataFrame) -> list[tuple[str, str]]:
     outcomes = page["outcomes"]
     count = outcomes["status"].value_counts()
-    arrays = len(outcomes[["pillar_radius_um", "gap_um", "periodicity"]].drop_duplicates())
+    arrays = len(outcomes[GEOMETRY].drop_duplicates())
     releases = len(page["runs"]) if "runs" in page else outcomes["releases"].sum()
     cards = []
     if best := designs.largest(page):

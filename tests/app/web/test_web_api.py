@@ -23,9 +23,10 @@ from dldsim.app.web.api import models
 from dldsim.app.web.api.app import PREFIX, make_app
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import ATTEMPTS_MAX, SEARCH, VERIFICATION, Busy, Store
-from dldsim.config.sections import DesignRequest, Device
+from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.design import finished_campaign
-from dldsim.tables.parquet import COLUMNS, read_table, write_csv, write_table
+from dldsim.tables.parquet import read_table, write_csv, write_table
+from dldsim.tables.registry import COLUMNS
 from tests.app.test_design_jobs import (
     campaign,  # noqa: F401
     filled,
@@ -169,8 +170,8 @@ def test_a_failing_job_says_why_and_the_service_stays_up(client):
         ({"trials": 0}, "trials", ["= 0", "whole number", "≥ 1", "up to 1000"]),
         ({"trials": 101}, "trials", ["= 101", "1 to 100"]),
         ({"trials": "many"}, "trials", ["'many'", "whole number"]),
-        ({"radius_1_um": -3}, "radius_1_um", ["-3", "> 0"]),
-        ({"radius_1_um": 1e-250}, "radius_1_um", ["1e-250", "0.1 or more"]),
+        ({"radius_1_um": -3}, "radius_1_um", ["-3", "≥ 0.1"]),
+        ({"radius_1_um": 1e-250}, "radius_1_um", ["1e-250", "≥ 0.1"]),
         ({"radius_1_um": 1e9}, "radius_1_um", ["1000000000.0", "up to 50"]),
         ({"gap_um": [20, 14]}, "gap_um", ["lowest bound first"]),
         ({"gap_um": [20]}, "gap_um", ["missing"]),
@@ -194,19 +195,24 @@ def test_bad_fields_are_told(client, change, field, parts):
 
 
 @pytest.mark.parametrize(
-    ("change", "parts"),
+    ("change", "parts", "fields"),
     [
-        ({"stiffness_set_2": "1"}, ["both cell types", "no array separates equals"]),
-        ({"gap_um": [5, 6]}, ["no geometry within the bounds is feasible", "gap_um"]),
-        ({"stiffness_set_1": None, "deformation_index_1": 0.2}, ["0.2", "0.5 to 0.78"]),
-        ({"stiffness_set_1": "9"}, ["no constriction group", "9"]),
+        ({"stiffness_set_2": "1"}, ["both cell types", "no array separates equals"],
+         ["stiffness_set_1", "stiffness_set_2", "radius_1_um", "radius_2_um"]),
+        ({"gap_um": [5, 6]}, ["no geometry within the bounds is feasible", "gap_um"],
+         ["gap_um", "pillar_radius_um"]),
+        ({"stiffness_set_1": None, "deformation_index_1": 0.2}, ["0.2", "0.5 to 0.78"],
+         ["deformation_index_1"]),
+        ({"stiffness_set_1": "9"}, ["no constriction group", "9"], ["stiffness_set_1"]),
     ],
 )  # fmt: skip
-def test_what_physics_forbids_is_explained(client, change, parts):
+def test_what_physics_forbids_is_explained(client, change, parts, fields):
     answer = client.post(f"{PREFIX}/designs", json=ASK | change)
     problem = answer.json()
     assert (answer.status_code, problem["error"]) == (422, "infeasible")
     assert all(part in problem["message"] for part in parts), problem["message"]
+    assert [f["field"] for f in problem["fields"]] == fields
+    assert problem["fields"][0]["value"] not in ("", "None")
 
 
 @pytest.mark.parametrize("body", [b"", b"{", b"[1]", b"nan", b"\xff\xfe", b"{\"trials\": NaN}",
@@ -497,7 +503,7 @@ def test_a_body_must_say_what_it_is(client, path, given, wanted):
 
 
 def test_answers_say_what_they_hold_for(client, designed):
-    words = "biconcave disc of radius 7.5 µm (others by similarity), channel height 20 µm, mean "
+    words = "biconcave discs of the radii named, channel height 20 µm, mean "
     for about in (designed["provenance"], client.post(f"{PREFIX}/predict", json=PLACE).json()[
             "provenance"], client.get(f"{PREFIX}/model").json()["provenance"]):
         assert words in about["holds_for"] and "0.5 mm/s" in about["holds_for"]

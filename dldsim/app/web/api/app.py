@@ -38,12 +38,14 @@ from dldsim.app.web.api.models import UUID
 from dldsim.app.web.api.pool import Pool
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Busy, Job, Store
-from dldsim.config import sections
+from dldsim.config.explain import allowed_at
+from dldsim.config.sections import Stiffness
 from dldsim.design import finished_campaign, search
 from dldsim.design.populations import make_populations
 from dldsim.design.simulator import conditions
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
+from dldsim.vocabulary import GEOMETRY
 
 PREFIX = "/api/v1"
 MEDIA = {"json": "application/json", "csv": "text/csv; charset=utf-8",
@@ -209,22 +211,27 @@ class Service:
             if spec.verify:
                 self._check_verification(spec, resolved, known)
         except DldsimError as error:
-            raise _infeasible(spec, str(error)) from error
+            raise _infeasible(spec, error) from error
 
     def _check_verification(self, spec, resolved, known) -> None:
         if self.settings.verify_workers == 0:
-            raise DldsimError("verify = true: this service does not simulate. Leave it out.")
+            raise DldsimError("verify = true: this service does not simulate.", key="verify",
+                              value=True, allowed="false", remedy="Leave it out.")
         if "calibration" not in known.tables:
             raise DldsimError("verify = true: this campaign came without a calibration, which the "
-                              "moduli of the cells are read from. Upload it with the outcomes.")
+                              "moduli of the cells are read from.", key="verify", value=True,
+                              allowed="false", remedy="Upload it with the outcomes.")
         conditions(known.tables["outcomes"], design_answers.scene_of(known.settings))
-        sets = {name: sections.Stiffness(**v)
+        sets = {name: Stiffness(**v)
                 for name, v in known.settings["stiffness_sets"].items()}
         for i in (1, 2):
             name = getattr(spec, f"stiffness_set_{i}")
             if name is not None and name not in sets:
-                raise DldsimError(f"verify = true: stiffness_set_{i} = {name:.64} has no run in "
-                                  f"this campaign (with outcomes: {', '.join(sets)}).")
+                raise DldsimError(
+                    f"verify = true: stiffness_set_{i} = {name:.64} has no run in this campaign "
+                    f"(with outcomes: {', '.join(sets)}).", key=(f"stiffness_set_{i}", "verify"),
+                    value=name, allowed=", ".join(sets),
+                )  # fmt: skip
         make_populations(spec.request, resolved, known.tables["calibration"], sets)
 
     def status(self, job: Job) -> str:
@@ -286,12 +293,19 @@ def _field(spec: BaseModel, name: str, allowed: str) -> Refused:
     return Refused(422, "invalid", message + ".", [problem])
 
 
-def _infeasible(spec: BaseModel, message: str) -> Refused:
-    """A request that cannot be met, with the fields that the message names."""
+def _infeasible(spec: BaseModel, error: DldsimError) -> Refused:
+    """A request that cannot be met, with the fields that are at fault."""
     given = spec.model_dump()
-    named = [models.FieldProblem(field=n, value=_shown(v), message=message)
-             for n, v in given.items() if n in message and len(n) > 4]
-    return Refused(422, "infeasible", message, named)
+    named = []
+    for fault in error.faults:
+        for key in fault.keys:
+            value, *inner = given.get(key.partition(".")[0]), *key.split(".")[1:]
+            for part in inner:
+                value = value[int(part) if part.isdigit() else part]
+            if value is not None:
+                named.append(models.FieldProblem(field=key, value=_shown(value),
+                                                 message=str(fault)))
+    return Refused(422, "infeasible", str(error), named)
 
 
 def _invalid(request: Request, error: RequestValidationError) -> Response:
@@ -317,7 +331,7 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
             if details["type"] == "extra_forbidden":
                 allowed = "no such field; known: " + ", ".join(model.model_fields)
             elif path:
-                allowed = sections._allowed(model, path, details)
+                allowed = allowed_at(model, path, details)
                 most = models.LARGEST.get(path[0])
                 if most is not None and "up to" not in allowed:
                     allowed += f", up to {most:g}"
@@ -327,9 +341,10 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
         if not path:
             value = ""
         message = f"{name or 'request'}{' = ' + value if value else ''}: allowed: {allowed}"
-        fields.append(models.FieldProblem(field=_ascii(name), value=value,
-                                          message=_ascii(message)))
-    text = "; ".join(f.message for f in fields[:5])
+        keys = getattr(details.get("ctx", {}).get("error"), "keys", ())
+        fields += [models.FieldProblem(field=_ascii(key), value=value, message=_ascii(message))
+                   for key in keys or [name]]
+    text = "; ".join(list(dict.fromkeys(f.message for f in fields))[:5])
     return _answer(422, models.Problem(error="invalid", message=text, fields=fields[:20]))
 
 
@@ -495,7 +510,7 @@ def _add_designs(app: FastAPI, service: Service) -> None:
         finally:
             service.waited_for -= 1
         if job.state != "done":
-            raise _infeasible(spec, job.error or f"design {job.id} was {job.state}.")
+            raise Refused(422, "infeasible", job.error or f"design {job.id} was {job.state}.")
         found = json.loads(store.result(job.id, job.kind))
         result, best = found["result"], found["result"]["designs"][0]
         answer = models.OptimizeAnswer(
@@ -544,7 +559,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             found = stiffness_for(spec.deformation_index, calibration_of(source), spec.error,
                                   spec.design)
         except DldsimError as error:
-            raise _infeasible(spec, str(error)) from error
+            raise _infeasible(spec, error) from error
         return models.StiffnessAnswer(**found, deformation_index=spec.deformation_index,
                                       error=spec.error, provenance=source.provenance)
 
@@ -566,7 +581,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             named = table[(table["stiffness_set"] != "") & table["deformation_index"].notna()]
             sets = [models.CalibratedSet(**row) for row in table_rows("calibration", named[
                 ["stiffness_set", "deformation_index", "deformation_index_std"]])]
-        columns = ["pillar_radius_um", "gap_um", "periodicity"]
+        columns = GEOMETRY
         used = outcomes.dropna(subset=["migration_angle_deg", "deformation_index"])
         limits = {k: v for k, v in service.settings.model_dump().items()
                   if isinstance(v, int | float) and k.endswith(("_max", "_bytes", "_s"))}
@@ -675,18 +690,19 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         """Bring the tables of a campaign; a surrogate is fitted to them."""
         if not service.uploads.acquire(blocking=False):
             raise service.busy(SEARCH, "Two uploads are being read already.")
+        given = {"outcomes": outcomes, "calibration": calibration, "flows": flows}
+        uploads = {}
         try:
-            uploads = {kind: read_upload(kind, file.file.read(), settings.upload_rows_max)
-                       for kind, file in (("outcomes", outcomes), ("calibration", calibration),
-                                          ("flows", flows)) if file is not None}
+            for field, file in given.items():
+                if file is not None:
+                    uploads[field] = read_upload(field, file.file.read(), settings.upload_rows_max)
             parts = {kind: upload.content for kind, upload in uploads.items()}
             check_sets(parts)
         except DldsimError as error:
             message = _ascii(str(error))
-            others = (k for k in ("calibration", "flows") if f"table {k}" in message)
-            field = next(others, "outcomes")
+            at_fault = error.key if error.key in given else field
             raise Refused(422, "invalid", message, [
-                models.FieldProblem(field=field, value="", message=message)]) from error
+                models.FieldProblem(field=at_fault, value="", message=message)]) from error
         finally:
             service.uploads.release()
         found = [_ascii(f"{kind}: {note}") for kind, upload in uploads.items()
@@ -708,7 +724,7 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         try:
             table = finished_campaign.with_measurements(simulated, **given)
         except DldsimError as error:
-            raise _infeasible(spec, str(error)) from error
+            raise _infeasible(spec, error) from error
         parts["measurements"] = json.dumps(given).encode()
         return accept(_ascii(spec.name), "measurements", len(table), parts)
 

@@ -23,11 +23,12 @@ from dldsim.analysis.calibration import join_deformation_index
 from dldsim.app.web.api.models import Provenance
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
-from dldsim.config.campaign import derive_seed
+from dldsim.config.provenance import derive_seed
 from dldsim.design import finished_campaign
 from dldsim.design.finished_campaign import MEASURED
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import COLUMNS, describe, read_table, schema, write_table
+from dldsim.tables.parquet import describe, read_table, write_table
+from dldsim.tables.registry import COLUMNS, schema
 from dldsim.tables.user_table import PLAUSIBLE, as_columns, check_plausible, read_user_table
 
 FILES = ("outcomes.parquet", "calibration.parquet", "flows.parquet", "surrogate.json",
@@ -277,7 +278,7 @@ def check_sets(parts: Mapping[str, bytes]) -> None:
         try:
             join_deformation_index(outcomes, calibration)
         except DldsimError as error:
-            raise DldsimError(f"uploaded table calibration: {error}") from error
+            raise DldsimError(f"uploaded table calibration: {error}", key="calibration") from error
 
 
 def _check_outcomes(outcomes: pd.DataFrame, where: str) -> None:

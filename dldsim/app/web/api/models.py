@@ -17,9 +17,10 @@ from pydantic import (
     field_validator,
 )
 
-from dldsim.config.campaign import GROUP_VELOCITY
-from dldsim.config.sections import DesignRequest, Section
-from dldsim.tables.parquet import COLUMNS
+from dldsim.config.design_sections import DesignRequest
+from dldsim.config.identifiers import GROUP_VELOCITY
+from dldsim.config.sections import Section
+from dldsim.tables.registry import COLUMNS
 
 LARGEST = {
     "radius_1_um": 50.0, "radius_2_um": 50.0, "deformation_index_std_1": 1.0,

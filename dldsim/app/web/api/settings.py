@@ -10,15 +10,12 @@ from typing import Any
 
 from pydantic import Field, ValidationError, field_validator
 
-from dldsim.config import sections
-from dldsim.config.sections import (
-    Config,
-    Device,
-    Section,
-    Sweep,
-    Verification,
-    read_config,
-)
+from dldsim.config import limits
+from dldsim.config.configuration import Partial, Sweep
+from dldsim.config.design_sections import Device, Verification
+from dldsim.config.explain import allowed_at
+from dldsim.config.presets import read_partial
+from dldsim.config.sections import Section
 from dldsim.errors import DldsimError
 
 PREFIX = "DLDSIM_WEB_"
@@ -126,17 +123,23 @@ class Settings(Section):
             return cls.model_validate(values)
         except ValidationError as error:
             problems = [f"{origins.get(str(e['loc'][0]), str(e['loc'][0]))} = {e['input']!r}: "
-                        f"allowed: {sections._allowed(cls, e['loc'], e)}." for e in error.errors()]
+                        f"allowed: {allowed_at(cls, e['loc'], e)}." for e in error.errors()]
         raise DldsimError("The service cannot be started. " + " ".join(problems))
 
-    def configuration(self) -> Config | None:
+    def configuration(self) -> Partial | None:
         """The configuration file, found as the commands find it; None if there is none."""
         path = self.config or Path("config.yaml")
-        return None if self.config is None and not path.exists() else read_config(path)
+        if self.config is None and not path.exists():
+            return None
+        config = read_partial(path)
+        limits.enforce(config.limits)
+        return config
 
     def campaign(self) -> tuple[Device, float, Verification]:
         """Device, safety distance and verification budget, found as the commands find them."""
         config = self.configuration()
         if config is None:
             return Device(), Sweep.model_fields["safety_distance_um"].default, Verification()
-        return config.device, config.sweep.safety_distance_um, config.verification
+        safety = config.sweep.safety_distance_um if config.sweep else (
+            Sweep.model_fields["safety_distance_um"].default)
+        return config.device, safety, config.verification

@@ -24,6 +24,7 @@ from dldsim.app.web.api.data import Data, table_rows
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import VERIFICATION, Job, Store
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import GEOMETRY
 
 REPORT_EVERY_S = 0.3
 IDLE_S = 60.0
@@ -203,7 +204,7 @@ class _Course:
             self.best = {k: v for k, v in result["designs"][0].items()
                          if k in models.Best.model_fields} | {"trial": 0}
             same = [t["trial"] for t in result["trials"] if all(
-                t[k] == self.best[k] for k in ("pillar_radius_um", "gap_um", "periodicity"))]
+                t[k] == self.best[k] for k in GEOMETRY)]
             self.best["trial"] = same[0] if same else 0
         self.report("files")
 
@@ -228,7 +229,7 @@ def result_of(made: design_answers.Made, source) -> dict[str, Any]:
 
     model, found, resolved = source.known.model, made.found, made.resolved
     designs = found.designs.copy()
-    place = [designs[k].to_numpy() for k in ("pillar_radius_um", "gap_um", "periodicity")]
+    place = [designs[k].to_numpy() for k in GEOMETRY]
     for i in (1, 2):
         designs[f"angle_{i}_low_deg"], designs[f"angle_{i}_high_deg"] = model.predict_interval(
             *place, getattr(resolved, f"deformation_index_{i}"),

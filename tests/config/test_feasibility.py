@@ -1,0 +1,77 @@
+"""What no lattice and no cell can do is refused before anything runs."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from dldsim.config.feasibility import (
+    check_array,
+    check_gap,
+    check_passable,
+    check_release,
+    smallest_passable_um,
+)
+from dldsim.config.presets import resolve
+from dldsim.config.sections import Cell, Constriction, Flow, Geometry, Numerics
+from dldsim.errors import DldsimError
+
+ROOT = Path(__file__).parents[2]
+RAW = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+
+
+def test_gap_must_exceed_radius_and_safety_distance():
+    check_gap(Geometry(pillar_radius_um=10, gap_um=12.1, periodicity=6), 2)
+    with pytest.raises(DldsimError, match=r"12 µm"):
+        check_gap(Geometry(pillar_radius_um=10, gap_um=12, periodicity=6), 2)
+
+
+def test_smallest_passable_tube():
+    """The classic 2.7 µm of a red cell, a little less with the area reserve; slimmer than rest."""
+    assert 2.3 < smallest_passable_um(Cell(radius_um=3.91)) < 2.9
+    assert 9 < smallest_passable_um(Cell(shape="sphere", radius_um=7.5)) < 15
+    sphere = smallest_passable_um(Cell(shape="sphere"))
+    round_ellipsoid = smallest_passable_um(Cell(shape="ellipsoid", aspect_ratio=1.0))
+    assert round_ellipsoid == pytest.approx(sphere)
+    geometry = Geometry(pillar_radius_um=2, gap_um=20, periodicity=4)
+    with pytest.raises(DldsimError, match="height_um"):
+        check_passable(geometry, Cell(), height_um=4)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key"),
+    [
+        ({"numerics": {"rows": 100}}, "numerics.rows"),
+        ({"numerics": {"spacing_um": 100}}, "gap_um"),
+        ({"numerics": {"spacing_um": 0.05}}, "numerics.spacing_um"),
+        ({"constriction": {"throat_width_um": 40}}, "constriction.throat_width_um"),
+        ({"constriction": {"throat_width_um": 0.5}}, "constriction.throat_width_um"),
+        ({"constriction": {"height_um": 3}}, "constriction.height_um"),
+        ({"constriction": {"spacing_um": 8}}, "constriction.height_um"),
+        ({"constriction": {"spacing_um": 0.02}}, "constriction.spacing_um"),
+        ({"constriction": {"release_positions_um": [0, 12]}},
+         "constriction.release_positions_um"),
+    ],
+)  # fmt: skip
+def test_what_no_lattice_can_carry_is_refused(overrides, key):
+    with pytest.raises(DldsimError) as caught:
+        resolve(RAW, overrides)
+    assert caught.value.key == key, str(caught.value)
+    assert caught.value.allowed and caught.value.remedy
+
+
+def test_the_height_may_be_too_low_for_the_lattice():
+    geometry = Geometry(pillar_radius_um=6, gap_um=18, periodicity=8)
+    with pytest.raises(DldsimError) as caught:
+        check_array(geometry, Flow(height_um=3), Numerics())
+    assert caught.value.key == "height_um"
+    check_array(geometry, Flow(height_um=0), Numerics())
+
+
+@pytest.mark.parametrize("position", [-0.1, -5, 11.1, float("nan")])
+def test_a_cell_is_released_in_the_straight_approach(position):
+    check_release(0, Constriction(), Cell())
+    check_release(11, Constriction(), Cell())
+    with pytest.raises(DldsimError, match="allowed 0 to 11") as caught:
+        check_release(position, Constriction(), Cell())
+    assert caught.value.key == "constriction.release_positions_um"
