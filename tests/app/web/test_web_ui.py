@@ -133,7 +133,7 @@ def test_periodicity_is_typed_like_the_other_bounds(service):
 def test_the_first_lines_say_what_answers_hold_for(service):
     page = opened()
     first = [e.value for e in page.main if hasattr(e, "value")][:3]
-    assert any("Holds for a biconcave disc" in str(text) for text in first), first
+    assert any("Holds for biconcave discs" in str(text) for text in first), first
 
 
 def test_toolbar_of_charts_stays_in_the_margin():
