@@ -17,12 +17,17 @@ LENGTH = 40
 
 
 def difference(path: Path, settings: Mapping[str, Any]) -> str | None:
-    """In which settings a file was made differently, in words; None where it was not.
+    """In which settings a file was made differently, or which columns it lacks, in words.
 
-    None as well for a file that does not exist or says nothing of its making.
+    None where it is as it would be made today; and for a file that does not exist or says nothing
+    of its making.
     """
     made = _provenance(Path(path))
-    if made is None or made.get("config_hash") == settings_hash(settings):
+    if made is None:
+        return None
+    if lacking := _lacking(Path(path), made.get("kind")):
+        return f"columns of an older version, without {', '.join(lacking)}"
+    if made.get("config_hash") == settings_hash(settings):
         return None
     then = flattened(made.get("settings") or {})
     now = flattened(json.loads(json.dumps(settings, default=str)))
@@ -33,6 +38,18 @@ def difference(path: Path, settings: Mapping[str, Any]) -> str | None:
     if len(differing) > SHOWN:
         parts.append(f"{len(differing) - SHOWN} more")
     return "; ".join(parts) or "settings under other names"
+
+
+def _lacking(path: Path, kind: str | None) -> list[str]:
+    """Columns of its kind that a table does not have."""
+    from dldsim.tables.registry import COLUMNS
+
+    if kind not in COLUMNS:
+        return []
+    import pyarrow.parquet as pq
+
+    there = set(pq.read_schema(path).names)
+    return [column.name for column in COLUMNS[kind] if column.name not in there]
 
 
 def _short(value: Any) -> str:

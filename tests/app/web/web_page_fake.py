@@ -18,7 +18,8 @@ PREFIX = "/api/v1"
 LOW, HIGH = 0.68, 0.74
 ABOUT = models.Provenance(
     dldsim_version="0", physics_version=0, campaign=None, campaign_name="a *made up* campaign",
-    origin="tracked", holds_for="biconcave discs of the radii named, channel height 20 µm", outcomes=27, used=26,
+    origin="tracked", outcomes=27, used=26,
+    holds_for="biconcave discs of the radii named, channel height 20 µm",
     geometries=27, outcomes_sha256="a" * 64, model_sha256="b" * 64,
     fitted_by={"xgboost": "3"}, scores_by_geometry={
         "rmse_deg": 1.0, "median_absolute_error_deg": 0.2, "r2": 0.9, "predictions": 26},
