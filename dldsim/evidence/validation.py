@@ -109,7 +109,7 @@ CASES = {
         "Mills et al. 2004, Mech. Chem. Biosyst. 1:169; Suresh et al. 2005, Acta Biomater. 1:15",
     ),
     "hydrodynamic-radius": Case(
-        "Drag on a held sphere of vertices", "cell", "validation_cell.hydrodynamic_radius",
+        "Sphere of vertices under uniform traction", "cell", "validation_cell.hydrodynamic_radius",
         "Zick & Homsy 1982, J. Fluid Mech. 115:13, simple cubic",
     ),
     "capsule-in-shear": Case(
