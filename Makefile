@@ -21,6 +21,8 @@ campaign: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/snakefmt -l 100 --no-sort --check Snakefile workflow
 	$(BIN)/python -m pytest -q
 
 web: $(VENV)/installed-web  # the page and the API that it asks, on localhost

@@ -1,6 +1,7 @@
 # A campaign: array flows, cell runs and constriction runs; then statistics, surrogate and designs.
 # Targets are the names of the rules without wildcards: snakemake -j2 robustness_map
 
+
 configfile: f"{workflow.basedir}/config.yaml"
 
 

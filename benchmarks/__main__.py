@@ -21,17 +21,27 @@ LINEAR = 0.1
 
 def row(what: str, value: float, target: float, least: bool, unit: str = "") -> dict:
     met = value >= target if least else value <= target
-    return {"what": what, "value": value, "target": target, "least": least, "unit": unit,
-            "met": bool(met)}  # fmt: skip
+    return {
+        "what": what,
+        "value": value,
+        "target": target,
+        "least": least,
+        "unit": unit,
+        "met": bool(met),
+    }
 
 
 def rows(found: dict) -> list[dict]:
     """Every ratio that has a target."""
     table = [
-        row(f"cell over fluid, {r['scene']}, {r['vertices']} vertices", r["cell_over_fluid"], CELL,
-            False)
+        row(
+            f"cell over fluid, {r['scene']}, {r['vertices']} vertices",
+            r["cell_over_fluid"],
+            CELL,
+            False,
+        )
         for r in found["run_time"]
-    ]  # fmt: skip
+    ]
     table += [
         row(f"start-up, processor time, {r['scene']}", r["start_up_s"], START, False, "s")
         for r in found["run_time"]
@@ -43,8 +53,9 @@ def rows(found: dict) -> list[dict]:
     fits = found["growth"]["fits"]
     for name in ("fluid step against nodes", "cell's part of a step against vertices"):
         table.append(row(f"exponent, {name}", fits[name]["exponent"], 1 + LINEAR, False))
-    [default] = [p for p in found["growth"]["points"]["nodes"]
-                 if p["nodes"] == found["run_time"][0]["nodes"]]  # fmt: skip
+    [default] = [
+        p for p in found["growth"]["points"]["nodes"] if p["nodes"] == found["run_time"][0]["nodes"]
+    ]
     table.append(row("peak memory of a job", default["peak_MB"] / 1.048576, MEMORY, False, "MiB"))
     if isinstance(found["growth"]["two"], dict):
         table.append(row("two at a time over one", found["growth"]["two"]["ratio"], RATIO, True))
@@ -73,10 +84,9 @@ def main() -> None:
     found = {"peers": []}
     found["kernels"] = [
         kernels.measure_cell(*kernels.parse_scene(scene, precision), rounds)
-        for precision in ("float32", "float64") for scene in kernels.SCENES
-    ] + [
-        kernels.measure_box((96, 96, 96), precision, 3) for precision in ("float32", "float64")
-    ]  # fmt: skip
+        for precision in ("float32", "float64")
+        for scene in kernels.SCENES
+    ] + [kernels.measure_box((96, 96, 96), precision, 3) for precision in ("float32", "float64")]
     write(kernels.table(found["kernels"]) + "\n")
     found["run_time"] = [run_time.account(scene, 12, rounds) for scene in kernels.SCENES]
     write(run_time.table(found["run_time"]) + "\n")

@@ -84,8 +84,13 @@ class Work:
 
     @property
     def core_s(self) -> float:
-        return (self.geometries * self.flow_s + self.outcomes * self.outcome_s
-                + self.passages * self.passage_s + self.analysis_s + self.verify_s)  # fmt: skip
+        return (
+            self.geometries * self.flow_s
+            + self.outcomes * self.outcome_s
+            + self.passages * self.passage_s
+            + self.analysis_s
+            + self.verify_s
+        )
 
 
 def measured(results: Path) -> dict[str, float]:
@@ -127,10 +132,16 @@ def predict(config: Config, found: dict, speed: Speed, passage_s: float) -> Work
     n = len(geometries)
     outcome_s = speed.start_s + found["releases"] * runs / n
     return Work(
-        n, n * sets, len(campaign.constrictions(config)), speed.start_s + flows / n, outcome_s,
-        passage_s, found["analysis_s"], found["verifying_outcomes"] * outcome_s,
+        n,
+        n * sets,
+        len(campaign.constrictions(config)),
+        speed.start_s + flows / n,
+        outcome_s,
+        passage_s,
+        found["analysis_s"],
+        found["verifying_outcomes"] * outcome_s,
         len(config.design_requests),
-    )  # fmt: skip
+    )
 
 
 def on_slurm(work: Work, speed: Speed, nodes: int, cores: int, batch: int, width: int) -> dict:
@@ -145,15 +156,21 @@ def on_slurm(work: Work, speed: Speed, nodes: int, cores: int, batch: int, width
     at_once = max(1, nodes * cores // width)
     waves = math.ceil(batches / at_once)
     verify_s = work.verify_s / min(width, work.requests)
-    wall = (speed.wait_s + waves * (batch_s + speed.poll_s)
-            + speed.wait_s + speed.slurm_start_s + work.analysis_s + verify_s)  # fmt: skip
+    wall = (
+        speed.wait_s
+        + waves * (batch_s + speed.poll_s)
+        + speed.wait_s
+        + speed.slurm_start_s
+        + work.analysis_s
+        + verify_s
+    )
     single = (work.geometries + work.outcomes) * speed.slurm_start_s
     return {
         "nodes": nodes,
         "slurm_jobs": batches + 2,
         "batch_min": batch_s / 60,
         "core_h": (batches * batch_s * width + work.passages * work.passage_s + work.analysis_s)
-        / 3600,  # fmt: skip
+        / 3600,
         "wall_h": wall / 3600,
         "core_h_of_starts_batched": batches * speed.slurm_start_s * width / 3600,
         "core_h_of_starts_single": single / 3600,
@@ -166,8 +183,13 @@ def main() -> None:
     )
     parser.add_argument("results", type=Path, help="folder of a finished campaign")
     parser.add_argument("--preset", nargs="*", default=["quick", "paper", "full"])
-    parser.add_argument("--outcomes", nargs="*", type=int, default=[20_000],
-                        help="campaigns like the last preset with so many outcomes")  # fmt: skip
+    parser.add_argument(
+        "--outcomes",
+        nargs="*",
+        type=int,
+        default=[20_000],
+        help="campaigns like the last preset with so many outcomes",
+    )
     parser.add_argument("--nodes", nargs="*", type=int, default=[1, 4, 16])
     parser.add_argument("--cores", type=int, default=32, help="of a node")
     parser.add_argument("--batch", type=int, default=8, help="geometries in a Slurm job")
@@ -181,23 +203,30 @@ def main() -> None:
     parser.add_argument("--passage", type=float, default=4.0, help="of a constriction run [s]")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    speed = Speed(given.mlups, given.ns_per_vertex, given.start, given.slurm_start, given.wait,
-                  given.poll)  # fmt: skip
+    speed = Speed(
+        given.mlups, given.ns_per_vertex, given.start, given.slurm_start, given.wait, given.poll
+    )
     found = measured(given.results)
-    works = {name: predict(read_config(CONFIG, {"preset": name}), found, speed, given.passage)
-             for name in given.preset}  # fmt: skip
+    works = {
+        name: predict(read_config(CONFIG, {"preset": name}), found, speed, given.passage)
+        for name in given.preset
+    }
     last = works[given.preset[-1]]
     for outcomes in given.outcomes:
         geometries = round(last.geometries * outcomes / last.outcomes)
-        works[f"{outcomes:,} outcomes"] = replace(
-            last, geometries=geometries, outcomes=outcomes)
+        works[f"{outcomes:,} outcomes"] = replace(last, geometries=geometries, outcomes=outcomes)
     rows = [
-        {"campaign": name, "outcomes": work.outcomes, "outcome_s": work.outcome_s,
-         "core_h": work.core_s / 3600,
-         "slurm": [on_slurm(work, speed, n, given.cores, given.batch, given.width)
-                   for n in given.nodes]}
+        {
+            "campaign": name,
+            "outcomes": work.outcomes,
+            "outcome_s": work.outcome_s,
+            "core_h": work.core_s / 3600,
+            "slurm": [
+                on_slurm(work, speed, n, given.cores, given.batch, given.width) for n in given.nodes
+            ],
+        }
         for name, work in works.items()
-    ]  # fmt: skip
+    ]
     if given.json:
         sys.stdout.write(json.dumps({"measured": found, "campaigns": rows}, indent=1) + "\n")
         return

@@ -65,9 +65,19 @@ def scene_of(change: dict) -> tuple[CellInFlow, Geometry, Numerics]:
     fluid.advance(100)
     mean = fluid.mean_velocity()[:2]
     start = EmptyFlow(
-        geometry, flow, numerics, np.eye(2) * mean[0] / force[0], force, mean, fluid.f,
-        array.spacing_um, array.pitch, array.lattice.nodes, fluid.steps, 1.0,
-    )  # fmt: skip
+        geometry,
+        flow,
+        numerics,
+        np.eye(2) * mean[0] / force[0],
+        force,
+        mean,
+        fluid.f,
+        array.spacing_um,
+        array.pitch,
+        array.lattice.nodes,
+        fluid.steps,
+        1.0,
+    )
     return make_scene(array, start, STIFFNESS, Cell(), flow, numerics), geometry, numerics
 
 
@@ -132,8 +142,10 @@ def sweep(names, repeats: int, rounds: int) -> dict[str, list[dict]]:
         for (name, i), results in found.items():
             done = subprocess.run(
                 child("--point", json.dumps(SWEEPS[name][i]), "--rounds", str(rounds)),
-                capture_output=True, text=True, check=True,
-            )  # fmt: skip
+                capture_output=True,
+                text=True,
+                check=True,
+            )
             results.append(json.loads(done.stdout))
     return {
         name: [
@@ -233,33 +245,80 @@ def draw(result: dict) -> Figure:
         points[n] for n in ("nodes", "vertices", "resolution", "periodicity")
     )
     a, b, c, d = axes[:4]
-    panel(a, column(nodes, "nodes"), column(nodes, "fluid_us"), "fluid step against nodes",
-          COLOURS["fluid"], "o", "fluid")  # fmt: skip
-    a.plot(column(nodes, "nodes"), column(nodes, "step_us"), "s", color=COLOURS["step"],
-           label=f"with {nodes[0]['vertices']:.0f} vertices")  # fmt: skip
+    panel(
+        a,
+        column(nodes, "nodes"),
+        column(nodes, "fluid_us"),
+        "fluid step against nodes",
+        COLOURS["fluid"],
+        "o",
+        "fluid",
+    )
+    a.plot(
+        column(nodes, "nodes"),
+        column(nodes, "step_us"),
+        "s",
+        color=COLOURS["step"],
+        label=f"with {nodes[0]['vertices']:.0f} vertices",
+    )
     a.set(title="(a) a step against fluid nodes", xlabel="fluid nodes", ylabel="time [µs]")
     cell = column(vertices, "step_us") - column(vertices, "fluid_us")
-    panel(b, column(vertices, "vertices"), cell, "cell's part of a step against vertices",
-          COLOURS["cell"], "^", "cell")  # fmt: skip
-    b.plot(column(vertices, "vertices"), column(vertices, "fluid_us"), "o", color=COLOURS["fluid"],
-           label=f"fluid, {vertices[0]['nodes']:,.0f} nodes")  # fmt: skip
+    panel(
+        b,
+        column(vertices, "vertices"),
+        cell,
+        "cell's part of a step against vertices",
+        COLOURS["cell"],
+        "^",
+        "cell",
+    )
+    b.plot(
+        column(vertices, "vertices"),
+        column(vertices, "fluid_us"),
+        "o",
+        color=COLOURS["fluid"],
+        label=f"fluid, {vertices[0]['nodes']:,.0f} nodes",
+    )
     b.set(title="(b) a step against vertices", xlabel="vertices", ylabel="time [µs]")
     row = 1e-6 * column(fine, "step_us") * column(fine, "steps_per_row")
-    c.plot(column(fine, "resolution"), row, "D", color=COLOURS["step"],
-           label=exponent("a row against λ/Δx"))  # fmt: skip
-    line(c, column(fine, "resolution"),
-         {**fitted["a row against λ/Δx"],
-          "factor": 1e-6 * fitted["a row against λ/Δx"]["factor"]}, COLOURS["step"])  # fmt: skip
+    c.plot(
+        column(fine, "resolution"),
+        row,
+        "D",
+        color=COLOURS["step"],
+        label=exponent("a row against λ/Δx"),
+    )
+    line(
+        c,
+        column(fine, "resolution"),
+        {**fitted["a row against λ/Δx"], "factor": 1e-6 * fitted["a row against λ/Δx"]["factor"]},
+        COLOURS["step"],
+    )
     row = 1e-6 * column(period, "step_us") * column(period, "steps_per_row")
-    c.plot(column(period, "resolution"), row, "x", color=COLOURS["cell"],
-           label=r"$N_p$ 4 to 12")  # fmt: skip
-    c.set(title="(c) a row against resolution", xlabel=r"pitch / spacing $\lambda/\Delta x$",
-          ylabel="time of a row [s]")  # fmt: skip
+    c.plot(column(period, "resolution"), row, "x", color=COLOURS["cell"], label=r"$N_p$ 4 to 12")
+    c.set(
+        title="(c) a row against resolution",
+        xlabel=r"pitch / spacing $\lambda/\Delta x$",
+        ylabel="time of a row [s]",
+    )
     every = [p for group in points.values() for p in group]
-    panel(d, column(every, "nodes"), column(every, "more_MB").clip(0.1), "memory against nodes",
-          COLOURS["memory"], "v", "scene")  # fmt: skip
-    d.plot(column(every, "nodes"), column(every, "peak_MB"), "o", color=COLOURS["step"],
-           fillstyle="none", label="process")  # fmt: skip
+    panel(
+        d,
+        column(every, "nodes"),
+        column(every, "more_MB").clip(0.1),
+        "memory against nodes",
+        COLOURS["memory"],
+        "v",
+        "scene",
+    )
+    d.plot(
+        column(every, "nodes"),
+        column(every, "peak_MB"),
+        "o",
+        color=COLOURS["step"],
+        fillstyle="none",
+        label="process",
+    )
     d.set(title="(d) peak memory", xlabel="fluid nodes", ylabel="memory [MB]")
     if panels > 4:
         runs, name = result["runs"], "steps of a run against N_p"
@@ -290,12 +349,14 @@ def table(result: dict) -> str:
         lines.append(f"{name}: exponent {fit['exponent']:.2f} ± {fit['error']:.2f}")
     if "runs" in result:
         runs = result["runs"]
-        for n, rows, steps in zip(runs["periodicity"], runs["rows_completed"], runs["steps"],
-                                  strict=True):  # fmt: skip
+        for n, rows, steps in zip(
+            runs["periodicity"], runs["rows_completed"], runs["steps"], strict=True
+        ):
             lines.append(f"runs of N_p = {n}: medians {rows:.0f} rows, {steps:,.0f} steps")
         fit = result["fits"]["steps of a run against N_p"]
-        lines.append(f"steps of a run against N_p: exponent {fit['exponent']:.2f} ± "
-                     f"{fit['error']:.2f}")  # fmt: skip
+        lines.append(
+            f"steps of a run against N_p: exponent {fit['exponent']:.2f} ± {fit['error']:.2f}"
+        )
     if isinstance(result["two"], str):
         lines.append(result["two"])
     else:

@@ -28,9 +28,13 @@ from dldsim.solver.pillars import make_array
 
 GEOMETRY = Geometry(pillar_radius_um=6, gap_um=16, periodicity=8)
 STIFFNESS = Stiffness(
-    ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=5.1,
+    kb_pN_um=0.043,
+    kal_uN_per_m=10.2,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 EXTENT = "nx", "ny", "nz"
 SCENES = ["1.25:1:2:8", "0.67:0.8:1:6"]
 """The shipped defaults; and 42×42×30 nodes with about 2000 vertices."""
@@ -106,8 +110,13 @@ def operations_per_update() -> int:
             if isinstance(node, ast.If):  # with inertia
                 continue
             values = [n for n in ast.walk(node) if isinstance(n, ast.BinOp)]
-            inside = [n for v in ast.walk(node) if isinstance(v, ast.Subscript)
-                      for n in ast.walk(v.slice) if isinstance(n, ast.BinOp)]  # fmt: skip
+            inside = [
+                n
+                for v in ast.walk(node)
+                if isinstance(v, ast.Subscript)
+                for n in ast.walk(v.slice)
+                if isinstance(n, ast.BinOp)
+            ]
             total += len(values) - len(inside)
         return total
 
@@ -136,9 +145,13 @@ def unit_cell(geometry: Geometry, numerics: Numerics) -> time_loop.CellInFlow:
     """A cell in the unit cell of an array, with pillars, walls and shifted periodicity."""
     flow = Flow()
     scene = make_scene(
-        make_array(geometry, flow, numerics), solve_empty_array(geometry, flow, numerics),
-        STIFFNESS, Cell(), flow, numerics,
-    )  # fmt: skip
+        make_array(geometry, flow, numerics),
+        solve_empty_array(geometry, flow, numerics),
+        STIFFNESS,
+        Cell(),
+        flow,
+        numerics,
+    )
     scene.advance(WARM_UP)
     return scene
 
@@ -195,9 +208,7 @@ def cell_parts(scene: time_loop.CellInFlow) -> dict[str, Callable[[int], None]]:
 def without_cell(scene: time_loop.CellInFlow) -> Fluid:
     """The fluid of a scene once more, by itself."""
     fluid = scene.fluid
-    alone = Fluid(
-        fluid.lattice, fluid.relaxation_time, fluid.collision, fluid.inertia, fluid.dtype
-    )  # fmt: skip
+    alone = Fluid(fluid.lattice, fluid.relaxation_time, fluid.collision, fluid.inertia, fluid.dtype)
     alone.f[:] = fluid.f
     alone.set_body_force(fluid.body_force)
     return alone
@@ -278,9 +289,11 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON list instead of a table")
     parser.add_argument("--precision", nargs="+", default=["float32", "float64"])
     parser.add_argument(
-        "--scene", nargs="*", default=SCENES,
+        "--scene",
+        nargs="*",
+        default=SCENES,
         help="unit cells, each as lattice spacing [µm]:membrane edge over spacing[:rows[:N_p]]",
-    )  # fmt: skip
+    )
     parser.add_argument("--box", nargs="*", type=int, default=[96], help="cubes' edges in nodes")
     parser.add_argument("--rounds", type=int, default=15)
     given = parser.parse_args()

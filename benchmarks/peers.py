@@ -42,11 +42,16 @@ def lbmpy_step(cells: tuple[int, int, int], precision: str) -> Callable[[int], N
     source, target = pystencils.fields(f"source(19), target(19): {precision}[3D]", layout="fzyx")
     rule = create_lb_update_rule(
         lbm_config=LBMConfig(
-            stencil=LBStencil(Stencil.D3Q19), method=Method.TRT, relaxation_rates=[0.8, 1.2],
-            force=(1e-6, 0, 0), force_model=ForceModel.GUO, compressible=False, zero_centered=True,
+            stencil=LBStencil(Stencil.D3Q19),
+            method=Method.TRT,
+            relaxation_rates=[0.8, 1.2],
+            force=(1e-6, 0, 0),
+            force_model=ForceModel.GUO,
+            compressible=False,
+            zero_centered=True,
         ),
         lbm_optimisation=LBMOptimisation(symbolic_field=source, symbolic_temporary_field=target),
-    )  # fmt: skip
+    )
     config = pystencils.CreateKernelConfig(
         target=pystencils.Target.CurrentCPU, default_dtype=precision
     )

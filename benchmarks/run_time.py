@@ -67,9 +67,15 @@ def with_fields(fluid: Fluid):
     alone it does neither.
     """
     state = (
-        fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.lattice.streaming,
-        fluid.parameters, fluid.inertia, fluid.buffer,
-    )  # fmt: skip
+        fluid.f,
+        fluid.f_new,
+        fluid.force,
+        fluid.velocity,
+        fluid.lattice.streaming,
+        fluid.parameters,
+        fluid.inertia,
+        fluid.buffer,
+    )
     return lambda steps: _with_fields(steps, *state)
 
 
@@ -92,16 +98,25 @@ def account(text: str, rows: int, rounds: int) -> dict:
                 record.add(scene.sample(), scene.energies())
 
         parts = {
-            "step": scene.advance, "fluid": alone.advance, "with fields": with_fields(alone),
-            **cell_parts(scene), "record": keep,
-        }  # fmt: skip
+            "step": scene.advance,
+            "fluid": alone.advance,
+            "with fields": with_fields(alone),
+            **cell_parts(scene),
+            "record": keep,
+        }
         us = {name: 1e6 * t for name, t in median_times(parts, rounds).items()}
         clock = [time.process_time()]
         result = simulate_run(
-            geometry, STIFFNESS, Cell(), Flow(), numerics,
-            RunControl(max_rows=rows, min_rows=rows), run_id="r00.0_g00.0_n00_s0",
-            stiffness_set="0", empty_flow=flow,
-        )  # fmt: skip
+            geometry,
+            STIFFNESS,
+            Cell(),
+            Flow(),
+            numerics,
+            RunControl(max_rows=rows, min_rows=rows),
+            run_id="r00.0_g00.0_n00_s0",
+            stiffness_set="0",
+            empty_flow=flow,
+        )
         clock.append(time.process_time())
         write_run(result, Path(folder) / "row.parquet", Path(folder) / "path.parquet", {})
         clock.append(time.process_time())

@@ -15,9 +15,15 @@ class DldsimError(Exception):
     """
 
     def __init__(
-        self, what: str = "", *, key: str | Sequence[str] = (), value: Any = None,
-        allowed: str = "", remedy: str = "", faults: Sequence["DldsimError"] = (),
-    ):  # fmt: skip
+        self,
+        what: str = "",
+        *,
+        key: str | Sequence[str] = (),
+        value: Any = None,
+        allowed: str = "",
+        remedy: str = "",
+        faults: Sequence["DldsimError"] = (),
+    ):
         self.keys = (key,) if isinstance(key, str) else tuple(key)
         self.value, self.allowed, self.remedy = value, allowed, remedy
         self.faults = tuple(faults) or (self,)
@@ -25,9 +31,11 @@ class DldsimError(Exception):
         super().__init__(f"{what} {remedy}" if remedy else what)
 
     def __reduce__(self):
-        return _restored, (type(self), str(self), self.__dict__ | {
-            "faults": () if self.faults == (self,) else self.faults
-        })  # fmt: skip
+        return _restored, (
+            type(self),
+            str(self),
+            self.__dict__ | {"faults": () if self.faults == (self,) else self.faults},
+        )
 
     @property
     def key(self) -> str:

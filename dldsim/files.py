@@ -29,12 +29,16 @@ def why_not_written(error: OSError) -> str | None:
     """What is wrong with the disk or a folder, and the remedy; None for any other error."""
     place = f": {error.filename}" if error.filename else ""
     if error.errno in FULL:
-        return (f"{os.strerror(error.errno)}{place}. Make room and start the same command again; "
-                "what is finished is kept.")
+        return (
+            f"{os.strerror(error.errno)}{place}. Make room and start the same command again; "
+            "what is finished is kept."
+        )
     if error.errno in CLOSED:
-        return (f"{os.strerror(error.errno)}{place}. Make the folder writable for this user "
-                "(chown, chmod), or work in another: `snakemake --directory FOLDER …` puts "
-                "results/ there.")
+        return (
+            f"{os.strerror(error.errno)}{place}. Make the folder writable for this user "
+            "(chown, chmod), or work in another: `snakemake --directory FOLDER …` puts "
+            "results/ there."
+        )
     return None
 
 
@@ -43,5 +47,7 @@ def why_not_read(path: Path, error: Exception) -> str | None:
     number = getattr(error, "errno", None)
     if not number or number == errno.EINVAL:  # a position that a truncated file does not have
         return None
-    return (f"{path} cannot be read: {os.strerror(number)}. The file may be good: look at its "
-            "owner and permissions, and at the disk.")
+    return (
+        f"{path} cannot be read: {os.strerror(number)}. The file may be good: look at its "
+        "owner and permissions, and at the disk."
+    )

@@ -75,14 +75,21 @@ def test_a_missed_target_says_so():
 def test_growth_figure_is_drawn():
     points = {
         name: [
-            {"nodes": 1e4 * k, "vertices": 300.0 * k, "periodicity": 4.0 * k,
-             "resolution": 10.0 * k, "steps_per_row": 900.0 * k,
-             "step_us": 150.0 * k, "fluid_us": 100.0 * k,
-             "peak_MB": 250.0 + k, "more_MB": 10.0 * k}
+            {
+                "nodes": 1e4 * k,
+                "vertices": 300.0 * k,
+                "periodicity": 4.0 * k,
+                "resolution": 10.0 * k,
+                "steps_per_row": 900.0 * k,
+                "step_us": 150.0 * k,
+                "fluid_us": 100.0 * k,
+                "peak_MB": 250.0 + k,
+                "more_MB": 10.0 * k,
+            }
             for k in (1, 2, 4)
         ]
         for name in growth.SWEEPS
-    }  # fmt: skip
+    }
     result = {"points": points, "fits": growth.fits(points), "two": "not measured"}
     assert result["fits"]["fluid step against nodes"]["exponent"] == pytest.approx(1)
     assert result["fits"]["a row against λ/Δx"]["exponent"] == pytest.approx(2)

@@ -25,11 +25,14 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path):
     assert [*path.parent.iterdir()] == [path] and path.read_text() == "whole"
 
 
-@pytest.mark.parametrize("write", [
-    lambda folder: campaign.record_crash(folder, "a", "no memory"),
-    lambda folder: write_stamp(folder),
-    lambda folder: campaign.check_writable(folder),
-])
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda folder: campaign.record_crash(folder, "a", "no memory"),
+        lambda folder: write_stamp(folder),
+        lambda folder: campaign.check_writable(folder),
+    ],
+)
 def test_a_full_disk_leaves_no_part_behind(write, tmp_path, monkeypatch):
     def full(number):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "results/a")
@@ -48,12 +51,18 @@ def test_a_closed_folder_is_told_with_the_remedy(tmp_path):
     assert not [*(tmp_path / "results").iterdir()]
 
 
-@pytest.mark.parametrize(("number", "parts"), [
-    (errno.ENOSPC, ["No space left", "results/a", "Make room and start the same command again"]),
-    (errno.EDQUOT, ["quota", "Make room"]),
-    (errno.EROFS, ["Read-only", "--directory FOLDER"]),
-    (errno.EACCES, ["Permission denied", "chmod", "--directory FOLDER"]),
-])
+@pytest.mark.parametrize(
+    ("number", "parts"),
+    [
+        (
+            errno.ENOSPC,
+            ["No space left", "results/a", "Make room and start the same command again"],
+        ),
+        (errno.EDQUOT, ["quota", "Make room"]),
+        (errno.EROFS, ["Read-only", "--directory FOLDER"]),
+        (errno.EACCES, ["Permission denied", "chmod", "--directory FOLDER"]),
+    ],
+)
 def test_what_keeps_a_file_from_being_written_has_a_remedy(number, parts):
     said = why_not_written(OSError(number, os.strerror(number), "results/a"))
     assert all(part in said for part in parts)

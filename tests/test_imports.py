@@ -39,10 +39,24 @@ LIGHT = {
     "dldsim.vocabulary",
     "dldsim.files",
     "dldsim.laws",
-    *(f"dldsim.config.{name}" for name in (
-        "sections", "design_sections", "study_sections", "configuration", "presets", "explain",
-        "feasibility", "limits", "yaml_files", "schema", "identifiers", "provenance", "campaign",
-    )),
+    *(
+        f"dldsim.config.{name}"
+        for name in (
+            "sections",
+            "design_sections",
+            "study_sections",
+            "configuration",
+            "presets",
+            "explain",
+            "feasibility",
+            "limits",
+            "yaml_files",
+            "schema",
+            "identifiers",
+            "provenance",
+            "campaign",
+        )
+    ),
     "dldsim.analysis.uncertainty",
     "dldsim.evidence.accuracy",
     "dldsim.evidence.reference",
@@ -51,17 +65,57 @@ LIGHT = {
     "dldsim.evidence.stability_sweep",
     "dldsim.evidence.validation",
     "dldsim.app.cli",
-    *(f"dldsim.app.commands.{name}" for name in (
-        "design", "options", "output", "service", "settings", "simulation", "tables",
-        "validation")),
+    *(
+        f"dldsim.app.commands.{name}"
+        for name in (
+            "design",
+            "options",
+            "output",
+            "service",
+            "settings",
+            "simulation",
+            "tables",
+            "validation",
+        )
+    ),
 }
 """Read by rule files and at the start of every command: no heavy import at their top."""
-HEAVY = {"numpy", "pyarrow", "numba", "pandas", "scipy", "sklearn", "statsmodels", "optuna",
-         "xgboost", "matplotlib", "gdstk", "ezdxf", "h5py"}  # fmt: skip
-WITHOUT_KERNELS = ("dldsim.config", "dldsim.tables", "dldsim.analysis", "dldsim.report",
-                   *(f"dldsim.design.{name}" for name in (
-                       "candidates", "chip", "finished_campaign", "layout", "mask", "populations",
-                       "search", "task", "verdict", "verified")))  # fmt: skip
+HEAVY = {
+    "numpy",
+    "pyarrow",
+    "numba",
+    "pandas",
+    "scipy",
+    "sklearn",
+    "statsmodels",
+    "optuna",
+    "xgboost",
+    "matplotlib",
+    "gdstk",
+    "ezdxf",
+    "h5py",
+}
+WITHOUT_KERNELS = (
+    "dldsim.config",
+    "dldsim.tables",
+    "dldsim.analysis",
+    "dldsim.report",
+    *(
+        f"dldsim.design.{name}"
+        for name in (
+            "candidates",
+            "chip",
+            "finished_campaign",
+            "layout",
+            "mask",
+            "populations",
+            "search",
+            "task",
+            "verdict",
+            "verified",
+        )
+    ),
+)
 """These read tables and never touch a kernel."""
 RUNS = {"dldsim.experiments.array_run", "dldsim.experiments.constriction"}
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
@@ -78,8 +132,7 @@ def sources(package: Path) -> dict[str, Path]:
 
 
 def imports(path: Path, modules, top: bool = False) -> set[str]:
-    """Modules that a file imports, ours by their full name; `top`: those executed on import only.
-    """
+    """Modules that a file imports, ours by full name; `top`: those executed on import only."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     found = set()
     for node in tree.body if top else ast.walk(tree):
@@ -105,8 +158,10 @@ def floor_of(module: str) -> str:
 def graph(package: Path) -> dict[str, set[str]]:
     """Which module of the package imports which, also inside functions."""
     modules = sources(package)
-    return {name: {m for m in imports(path, modules) if within(m, "dldsim")} - {name}
-            for name, path in modules.items()}  # fmt: skip
+    return {
+        name: {m for m in imports(path, modules) if within(m, "dldsim")} - {name}
+        for name, path in modules.items()
+    }
 
 
 def unlisted(package: Path) -> set[str]:
@@ -117,8 +172,12 @@ def unlisted(package: Path) -> set[str]:
 def upwards(package: Path) -> set[tuple[str, str]]:
     """Imports from a floor above."""
     height = {name: i for i, name in enumerate(FLOORS)}
-    return {(name, other) for name, found in graph(package).items() for other in found
-            if height[floor_of(other)] > height[floor_of(name)]}  # fmt: skip
+    return {
+        (name, other)
+        for name, found in graph(package).items()
+        for other in found
+        if height[floor_of(other)] > height[floor_of(name)]
+    }
 
 
 MODULES = sources(PACKAGE)
@@ -158,8 +217,16 @@ def test_a_fault_is_found(path, text, fault, tmp_path):
     for floor in FLOORS[4:-1]:
         (tmp_path / "dldsim" / floor.split(".")[1]).mkdir(parents=True)
         (tmp_path / "dldsim" / floor.split(".")[1] / "__init__.py").write_text("")
-    for name in ("__init__", "__main__", "errors", "vocabulary", "files", "laws", "tables/parquet",
-                 "app/web"):
+    for name in (
+        "__init__",
+        "__main__",
+        "errors",
+        "vocabulary",
+        "files",
+        "laws",
+        "tables/parquet",
+        "app/web",
+    ):
         (tmp_path / "dldsim" / f"{name}.py").write_text("")
     lattice = tmp_path / "dldsim" / "solver" / "lattice.py"
     lattice.write_text("from dldsim.errors import E\nfrom dldsim.solver.mesh import m\n")
@@ -213,6 +280,11 @@ def test_numerical_libraries_run_on_one_thread():
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     bare = {k: v for k, v in os.environ.items() if k not in names}
     for chosen, threads in (({}, "[1]"), (dict.fromkeys(names, "2"), "[2]")):
-        done = subprocess.run([sys.executable, "-c", code], env=bare | chosen, check=True,
-                              capture_output=True, text=True)  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env=bare | chosen,
+            check=True,
+            capture_output=True,
+            text=True,
+        )
         assert done.stdout.strip() == threads

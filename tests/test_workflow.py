@@ -40,10 +40,21 @@ from dldsim.tables.parquet import METADATA_KEY, read_rows
 
 ROOT = Path(__file__).parents[1]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
-AFTER_OUTCOMES = {"outcomes": 1, "anova": 1, "robustness_map": 1, "benchmark": 1, "surrogate": 1,
-              "sensitivity": 1,
-              "designs": 1, "learning_curve": 1, "search_regret": 1, "verify": 1,
-              "verifications": 1, "report": 1, "all": 1}
+AFTER_OUTCOMES = {
+    "outcomes": 1,
+    "anova": 1,
+    "robustness_map": 1,
+    "benchmark": 1,
+    "surrogate": 1,
+    "sensitivity": 1,
+    "designs": 1,
+    "learning_curve": 1,
+    "search_regret": 1,
+    "verify": 1,
+    "verifications": 1,
+    "report": 1,
+    "all": 1,
+}
 VERIFIED = {"verify": 1, "verifications": 1, "report": 1, "all": 1}
 AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_OUTCOMES
 
@@ -52,9 +63,12 @@ def snakemake(folder, *argv, check=True):
     """Run snakemake on a copy of the workflow; returns the finished process."""
     done = subprocess.run(
         [sys.executable, "-m", "snakemake", "-j2", *argv],
-        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert not check or done.returncode == 0, done.stdout + done.stderr
     return done
 
@@ -90,12 +104,15 @@ def started(folder, *targets, config=None, files=(), triggers=None, **options):
         listener.setLevel(logging.INFO)
         try:
             steps = api.workflow(
-                ResourceSettings(cores=1), snakefile=Path("Snakefile"),
+                ResourceSettings(cores=1),
+                snakefile=Path("Snakefile"),
                 config_settings=ConfigSettings(
-                    config=parse_config(config) if config else {}, configfiles=[*map(Path, files)]),
-            )  # fmt: skip
-            graph = steps.dag(DAGSettings(targets=frozenset(targets), rerun_triggers=triggers,
-                                          **options))
+                    config=parse_config(config) if config else {}, configfiles=[*map(Path, files)]
+                ),
+            )
+            graph = steps.dag(
+                DAGSettings(targets=frozenset(targets), rerun_triggers=triggers, **options)
+            )
             yield steps._workflow, graph, said
         finally:
             listener.removeHandler(handler)
@@ -105,8 +122,9 @@ def started(folder, *targets, config=None, files=(), triggers=None, **options):
 def plan(folder, *targets, **options):
     """A dry run."""
     with started(folder, *targets, **options) as (workflow, _, said):
-        workflow._prepare_dag(forceall=False, ignore_incomplete=True, lock_warn_only=True,
-                              nolock=True)
+        workflow._prepare_dag(
+            forceall=False, ignore_incomplete=True, lock_warn_only=True, nolock=True
+        )
         workflow._build_dag()
         return Plan([*workflow.dag.needrun_jobs()], [*workflow.dag.jobs], said.getvalue())
 
@@ -153,8 +171,9 @@ def write_shell(path, settings):
     if path.parent.name == "designs":  # an output that is a folder
         path.mkdir(exist_ok=True)
     elif path.suffix == ".parquet":
-        pq.write_table(pa.table({}).replace_schema_metadata(
-            {METADATA_KEY: json.dumps(about).encode()}), path)
+        pq.write_table(
+            pa.table({}).replace_schema_metadata({METADATA_KEY: json.dumps(about).encode()}), path
+        )
     else:
         path.write_text(json.dumps({"provenance": about}))
 
@@ -172,9 +191,7 @@ def test_presets_plan_their_outcomes(preset, geometries, tmp_path):
 
 def test_named_target_runs_only_its_part(tmp_path):
     folder = copy_workflow(tmp_path)
-    assert set(planned(folder, "calibration")) == {
-        "constrict", "constriction_runs", "calibration"
-    }
+    assert set(planned(folder, "calibration")) == {"constrict", "constriction_runs", "calibration"}
     counts = planned(folder, "robustness_map")
     assert counts["robustness_map"] == 1
     assert not {"report", "surrogate", "designs", "anova", "benchmark"} & set(counts)
@@ -193,20 +210,34 @@ FLOWS = {"empty_flow": 8, "flows": 1}
         ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_OUTCOMES),
         ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_OUTCOMES),
         ("run_control={release_gap_fractions: [0.5, 0.7]}", SIMULATIONS | AFTER_OUTCOMES),
-        ('stiffness_sets={"5": {ks_uN_per_m: 6}}',
-         {"simulate_outcome": 8} | GATHERED | AFTER_OUTCOMES),
+        (
+            'stiffness_sets={"5": {ks_uN_per_m: 6}}',
+            {"simulate_outcome": 8} | GATHERED | AFTER_OUTCOMES,
+        ),
         ("constriction_groups={G4: {velocity_mm_s: 2}}", {"constrict": 1} | AFTER_CONSTRICTION),
         ("constriction={release_positions_um: [0.0, 3.0]}", {"constrict": 6} | AFTER_CONSTRICTION),
         ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
-        ("sweep={gap_um: [15, 20, 21]}", {"empty_flow": 4, "flows": 1, "simulate_outcome": 8}
-         | GATHERED | AFTER_OUTCOMES),
+        (
+            "sweep={gap_um: [15, 20, 21]}",
+            {"empty_flow": 4, "flows": 1, "simulate_outcome": 8} | GATHERED | AFTER_OUTCOMES,
+        ),
         ("sweep={gap_um: [20]}", {"flows": 1} | GATHERED | AFTER_OUTCOMES),
         ("sweep={safety_distance_um: 1}", {"designs": 1, "search_regret": 1} | VERIFIED),
         ("device={array_width_mm: 3}", {"designs": 1, "search_regret": 1} | VERIFIED),
         ("verification={rounds: 2}", VERIFIED),
-        ("seed=3", {"anova": 1, "sensitivity": 1, "benchmark": 1,
-                    "surrogate": 1, "designs": 1, "learning_curve": 1,
-                    "search_regret": 1} | VERIFIED),
+        (
+            "seed=3",
+            {
+                "anova": 1,
+                "sensitivity": 1,
+                "benchmark": 1,
+                "surrogate": 1,
+                "designs": 1,
+                "learning_curve": 1,
+                "search_regret": 1,
+            }
+            | VERIFIED,
+        ),
     ],
 )
 def test_a_changed_value_reruns_its_dependents_only(finished, change, expected):
@@ -217,21 +248,28 @@ def test_the_file_that_the_user_names_wins_over_the_preset(tmp_path):
     """Of a file with presets of its own, the preset in force wins over its shared sections."""
     folder = copy_workflow(tmp_path)
     (folder / "sweep.yaml").write_text(
-        "sweep: {pillar_radius_um: [6.0], gap_um: [14.0], periodicity: [5], stiffness_sets: ['3']}")
+        "sweep: {pillar_radius_um: [6.0], gap_um: [14.0], periodicity: [5], stiffness_sets: ['3']}"
+    )
     found = plan(folder, "all", files=["sweep.yaml"], config=["seed=3"])
     assert found.counts["simulate_outcome"] == found.counts["empty_flow"] == 1
-    assert ("Configuration: config.yaml, preset quick; over it sweep.yaml: sweep.pillar_radius_um, "
-            "sweep.gap_um, sweep.periodicity, sweep.stiffness_sets; over it the command line: seed."
-            ) in found.said
-    assert planned(folder, "flows", files=["sweep.yaml"], config=["sweep={gap_um: [14, 15]}"]
-                   )["empty_flow"] == 2
+    assert (
+        "Configuration: config.yaml, preset quick; over it sweep.yaml: sweep.pillar_radius_um, "
+        "sweep.gap_um, sweep.periodicity, sweep.stiffness_sets; over it the command line: seed."
+    ) in found.said
+    assert (
+        planned(folder, "flows", files=["sweep.yaml"], config=["sweep={gap_um: [14, 15]}"])[
+            "empty_flow"
+        ]
+        == 2
+    )
     own = yaml.safe_load((folder / "config.yaml").read_text())
     own["preset"], own["presets"]["tiny"]["sweep"]["gap_um"] = "tiny", [15.0, 20.0, 21.0]
     (folder / "own.yaml").write_text(yaml.safe_dump(own))
     found = plan(folder, "flows", files=["own.yaml"])
     assert found.counts["empty_flow"] == 12
-    [settings] = {json.dumps(job.params.settings) for job in found.jobs
-                  if job.rule.name == "empty_flow"}
+    [settings] = {
+        json.dumps(job.params.settings) for job in found.jobs if job.rule.name == "empty_flow"
+    }
     assert json.loads(settings)["numerics"]["spacing_um"] == 2.0
 
 
@@ -258,14 +296,28 @@ def copied(finished, tmp_path):
     return folder
 
 
-@pytest.mark.parametrize(("change", "expected"), [
-    ("seed=1", {}),
-    (AXIS, SIMULATIONS | AFTER_OUTCOMES),
-    ("seed=3", {"anova": 1, "sensitivity": 1, "benchmark": 1, "surrogate": 1, "designs": 1,
-                "learning_curve": 1, "search_regret": 1} | VERIFIED),
-    ("sweep={gap_um: [20]}", {"flows": 1} | GATHERED | AFTER_OUTCOMES),
-    ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
-])
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ("seed=1", {}),
+        (AXIS, SIMULATIONS | AFTER_OUTCOMES),
+        (
+            "seed=3",
+            {
+                "anova": 1,
+                "sensitivity": 1,
+                "benchmark": 1,
+                "surrogate": 1,
+                "designs": 1,
+                "learning_curve": 1,
+                "search_regret": 1,
+            }
+            | VERIFIED,
+        ),
+        ("sweep={gap_um: [20]}", {"flows": 1} | GATHERED | AFTER_OUTCOMES),
+        ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
+    ],
+)
 def test_copied_results_are_judged_by_what_they_say(copied, change, expected):
     assert planned(copied, "all", config=[*TINY, change]) == expected
 
@@ -277,8 +329,9 @@ def test_stale_files_are_named_with_what_differs(copied):
 
 
 def test_files_of_other_settings_are_not_mixed_whatever_triggers_a_rerun(finished):
-    counts = planned(finished, "runs", config=[*TINY, AXIS, "sweep={gap_um: [15, 20, 21]}"],
-                     triggers=["mtime"])
+    counts = planned(
+        finished, "runs", config=[*TINY, AXIS, "sweep={gap_um: [15, 20, 21]}"], triggers=["mtime"]
+    )
     assert counts == {"empty_flow": 4, "simulate_outcome": 24, "runs": 1}
 
 
@@ -295,20 +348,49 @@ def test_a_touched_script_and_a_fresh_checkout_rerun_nothing(finished):
     assert planned(finished, "all", config=TINY) == {}
 
 
-EVERYTHING = ("all", "validation", "accuracy", "stability", "reference", "reference_check",
-              "spot_check")
+EVERYTHING = (
+    "all",
+    "validation",
+    "accuracy",
+    "stability",
+    "reference",
+    "reference_check",
+    "spot_check",
+)
 OUTCOME = {"cell", "flow", "numerics", "run_control", "stiffness_sets"}
 DESIGN = {"seed", "flow", "device", "design_requests", "sweep"}
-NOTHING = ("flows", "runs", "trajectories", "outcomes", "constriction_runs", "calibration",
-           "robustness_map", "validate_case", "validation", "stability", "reference_outcomes",
-           "reference_check")
+NOTHING = (
+    "flows",
+    "runs",
+    "trajectories",
+    "outcomes",
+    "constriction_runs",
+    "calibration",
+    "robustness_map",
+    "validate_case",
+    "validation",
+    "stability",
+    "reference_outcomes",
+    "reference_check",
+)
 READS = {
     **dict.fromkeys(NOTHING, set()),
-    **dict.fromkeys(("anova", "benchmark", "learning_curve", "surrogate", "verifications",
-                     "spot_check", "spot_check_plan"), {"seed"}),
+    **dict.fromkeys(
+        (
+            "anova",
+            "benchmark",
+            "learning_curve",
+            "surrogate",
+            "verifications",
+            "spot_check",
+            "spot_check_plan",
+        ),
+        {"seed"},
+    ),
     **dict.fromkeys(("simulate_outcome", "spot_check_run"), OUTCOME),
-    **dict.fromkeys(("reference_pair", "critical_gap_point", "critical_gaps"),
-                    OUTCOME | {"reference"}),
+    **dict.fromkeys(
+        ("reference_pair", "critical_gap_point", "critical_gaps"), OUTCOME | {"reference"}
+    ),
     **dict.fromkeys(("designs", "search_regret"), DESIGN),
     "empty_flow": {"flow", "numerics"},
     "constrict": {"cell", "flow", "numerics", "constriction", "constriction_groups"},
@@ -317,40 +399,80 @@ READS = {
     "accuracy_run": OUTCOME | {"accuracy", "constriction", "constriction_groups"},
     "accuracy": {"accuracy", "cell", "numerics", "run_control", "constriction"},
     "stability_family": {"cell", "flow", "numerics", "stiffness_sets", "constriction_groups"},
-    "report": {"preset", "seed", "cell", "flow", "numerics", "run_control", "constriction",
-               "design_requests"},
+    "report": {
+        "preset",
+        "seed",
+        "cell",
+        "flow",
+        "numerics",
+        "run_control",
+        "constriction",
+        "design_requests",
+    },
 }
 """Sections of which a rule's jobs depend on at least one value."""
 CHANGES = {
-    "seed": "seed=3", "sweep": "sweep={safety_distance_um: 1}", "cell": "cell={radius_um: 7.0}",
-    "flow": "flow={viscosity_mPa_s: 1.0}", "numerics": "numerics={collision: bgk}",
-    "run_control": "run_control={still_rows: 9}", "constriction": "constriction={width_um: 31}",
+    "seed": "seed=3",
+    "sweep": "sweep={safety_distance_um: 1}",
+    "cell": "cell={radius_um: 7.0}",
+    "flow": "flow={viscosity_mPa_s: 1.0}",
+    "numerics": "numerics={collision: bgk}",
+    "run_control": "run_control={still_rows: 9}",
+    "constriction": "constriction={width_um: 31}",
     "stiffness_sets": "stiffness_sets={'1': {ks_uN_per_m: 6}, '5': {ks_uN_per_m: 21}}",
     "constriction_groups": "constriction_groups={G1: {velocity_mm_s: 2}}",
     "design_requests": "design_requests=[{name: soft-from-stiff, stiffness_set_1: '1', "
-                       "stiffness_set_2: '5', trials: 30}]",
-    "verification": "verification={rounds: 2}", "device": "device={array_width_mm: 3}",
+    "stiffness_set_2: '5', trials: 30}]",
+    "verification": "verification={rounds: 2}",
+    "device": "device={array_width_mm: 3}",
     "fabrication": "fabrication={moved_deg: 0.7}",
     "accuracy": "accuracy={migration_angle: {long_rows: 90}}",
-    "reference": "reference={releases: [0.2, 0.5]}", "limits": "limits={memory_GB: 15}",
-}  # fmt: skip
+    "reference": "reference={releases: [0.2, 0.5]}",
+    "limits": "limits={memory_GB: 15}",
+}
 
 
 SMALL = {
     "accuracy": {
-        "migration_angle": {"cases": {"zigzag": None, "transition": None}, "alternatives": None,
-                            "knobs": dict.fromkeys(("spacing_um", "reynolds_max", "kernel", "axis",
-                                                    "relaxation_time", "coupling", "rows"))},
-        "deformation_index": {"cases": ["G1"], "alternatives": None, "knobs": dict.fromkeys(
-            ("spacing_um", "reynolds_max", "kernel", "relaxation_time", "coupling"))},
+        "migration_angle": {
+            "cases": {"zigzag": None, "transition": None},
+            "alternatives": None,
+            "knobs": dict.fromkeys(
+                (
+                    "spacing_um",
+                    "reynolds_max",
+                    "kernel",
+                    "axis",
+                    "relaxation_time",
+                    "coupling",
+                    "rows",
+                )
+            ),
+        },
+        "deformation_index": {
+            "cases": ["G1"],
+            "alternatives": None,
+            "knobs": dict.fromkeys(
+                ("spacing_um", "reynolds_max", "kernel", "relaxation_time", "coupling")
+            ),
+        },
     },
     "reference": {
-        "pairs": ["r04.0_g14.0_n10_s5"], "finest": [], "spacings_um": [], "reynolds_max": [0.3],
-        "critical_diameters": {"periodicities": []}, "critical_gaps": [
-            {"pillar_radius_um": 8.0, "periodicity": 10, "stiffness_set": "1",
-             "bracket_um": [15.0, 21.0]}],
+        "pairs": ["r04.0_g14.0_n10_s5"],
+        "finest": [],
+        "spacings_um": [],
+        "reynolds_max": [0.3],
+        "critical_diameters": {"periodicities": []},
+        "critical_gaps": [
+            {
+                "pillar_radius_um": 8.0,
+                "periodicity": 10,
+                "stiffness_set": "1",
+                "bracket_um": [15.0, 21.0],
+            }
+        ],
     },
-}  # fmt: skip
+}
 """Studies of a few jobs, so that the plans are quick."""
 
 
@@ -358,8 +480,11 @@ def handed_out(folder, *files, **options):
     """All parameters of each job, of all targets."""
     (folder / "small.yaml").write_text(yaml.safe_dump(SMALL))
     options["files"] = ["small.yaml", *files]
-    return {(job.rule.name, str(job.wildcards_dict)): str(sorted(job.params.items()))
-            for job in plan(folder, *EVERYTHING, **options).jobs if not job.rule.norun}
+    return {
+        (job.rule.name, str(job.wildcards_dict)): str(sorted(job.params.items()))
+        for job in plan(folder, *EVERYTHING, **options).jobs
+        if not job.rule.norun
+    }
 
 
 @pytest.fixture(scope="module")
@@ -378,8 +503,10 @@ def test_every_rule_is_looked_at_and_only_the_report_reads_the_name_of_the_prese
     finished, unchanged
 ):
     assert {job[0] for job in unchanged} == set(READS)
-    own = {"preset": "own", "presets": {"own": yaml.safe_load(
-        (ROOT / "config.yaml").read_text())["presets"]["tiny"]}}
+    own = {
+        "preset": "own",
+        "presets": {"own": yaml.safe_load((ROOT / "config.yaml").read_text())["presets"]["tiny"]},
+    }
     (finished / "own.yaml").write_text(yaml.safe_dump(own))
     renamed = handed_out(finished, "own.yaml")
     assert {job[0] for job in unchanged if renamed[job] != unchanged[job]} == {"report"}
@@ -393,8 +520,10 @@ def test_the_reference_is_a_target_of_its_own(tmp_path):
     assert counts == {
         "reference_pair": len(reference_study.pairs(config)),
         "critical_gap_point": reference_study.POINTS * len(searches),
-        "reference_outcomes": 1, "critical_gaps": 1, "reference": 1,
-    }  # fmt: skip
+        "reference_outcomes": 1,
+        "critical_gaps": 1,
+        "reference": 1,
+    }
     for target in ("all", "accuracy"):
         assert not {"reference_pair", "critical_gap_point"} & set(planned(folder, target))
 
@@ -418,7 +547,9 @@ def test_a_comparison_without_a_reference_is_refused_before_it_runs(tmp_path):
     if (reference_study.DATA / "reference_outcomes.parquet").exists():
         pairs = read_config(ROOT / "config.yaml").reference.pairs
         assert planned(folder, "reference_check") == {
-            "reference_pair": len(pairs), "reference_check": 1}
+            "reference_pair": len(pairs),
+            "reference_check": 1,
+        }
     else:
         done = snakemake(folder, "-n", "reference_check", check=False)
         assert done.returncode != 0 and "holds no reference" in done.stdout + done.stderr
@@ -471,10 +602,14 @@ def test_a_folder_that_cannot_be_written_is_refused_before_any_job(place, tmp_pa
 
 @pytest.mark.parametrize(
     ("change", "part"),
-    [("preset=papr", "Did you mean paper?"), ("flow={heigth_um: 3}", "Did you mean height_um?"),
-     ("sweep={gap_um: []}", "sweep.gap_um"), ("preset=", "preset: no value is given"),
-     ("numerics={rows: 100}", "numerics.rows = 100"),
-     ("cell={release_gap_fraction: 0.3}", "run_control.release_gap_fractions")],
+    [
+        ("preset=papr", "Did you mean paper?"),
+        ("flow={heigth_um: 3}", "Did you mean height_um?"),
+        ("sweep={gap_um: []}", "sweep.gap_um"),
+        ("preset=", "preset: no value is given"),
+        ("numerics={rows: 100}", "numerics.rows = 100"),
+        ("cell={release_gap_fraction: 0.3}", "run_control.release_gap_fractions"),
+    ],
 )
 def test_bad_configuration_is_told(tmp_path, change, part):
     folder = copy_workflow(tmp_path)
@@ -490,28 +625,40 @@ def test_a_clone_and_an_environment_whose_path_has_a_blank(tmp_path):
     (packages / "ours.pth").write_text(f"{Path(pa.__file__).parents[1]}\n{ROOT}\n")
     (folder / "Snakefile").write_text(
         "from dldsim.config import campaign\ncampaign.quote_interpreter()\n"
-        "rule all:\n    output: 'done.txt'\n    script: 'job.py'\n")
+        "rule all:\n    output: 'done.txt'\n    script: 'job.py'\n"
+    )
     (folder / "job.py").write_text(
-        "import sys\nopen(snakemake.output[0], 'w').write(sys.executable)\n")
+        "import sys\nopen(snakemake.output[0], 'w').write(sys.executable)\n"
+    )
     python = folder / ".venv" / "bin" / "python"
-    done = subprocess.run([python, "-m", "snakemake", "-j1"], cwd=folder, capture_output=True,
-                          text=True, check=False)
+    done = subprocess.run(
+        [python, "-m", "snakemake", "-j1"], cwd=folder, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert Path((folder / "done.txt").read_text()) == python
 
 
-@pytest.mark.parametrize(("home", "beside"), [({"HOME": "/dev/null"}, True), ({}, True),
-                                              ({"HOME": "{folder}"}, False),
-                                              ({"XDG_CACHE_HOME": "{folder}"}, False)])
+@pytest.mark.parametrize(
+    ("home", "beside"),
+    [
+        ({"HOME": "/dev/null"}, True),
+        ({}, True),
+        ({"HOME": "{folder}"}, False),
+        ({"XDG_CACHE_HOME": "{folder}"}, False),
+    ],
+)
 def test_without_a_home_caches_lie_beside_the_environment(home, beside, tmp_path):
     """Snakemake cannot start without one."""
     shutil.copy(ROOT / "Makefile", tmp_path)
     environment = {name: value.format(folder=tmp_path) for name, value in home.items()}
     said = subprocess.run(
-        ["make", "--silent", "--eval", "show: ; @echo \"$$XDG_CACHE_HOME\"", "show"],
-        cwd=tmp_path, env={"PATH": os.environ["PATH"], **environment}, capture_output=True,
-        text=True, check=True,
-    ).stdout.strip()  # fmt: skip
+        ["make", "--silent", "--eval", 'show: ; @echo "$$XDG_CACHE_HOME"', "show"],
+        cwd=tmp_path,
+        env={"PATH": os.environ["PATH"], **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.strip()
     assert (said == f"{tmp_path}/.venv/cache") == beside
 
 
@@ -538,15 +685,26 @@ def test_tiny_campaign_end_to_end(tmp_path):
     results = folder / "results"
     assert "Done: results/" in done.stdout + done.stderr
     for kind, name in {
-        "outcomes": "outcomes", "runs": "runs", "flows": "flows", "trajectory": "trajectories",
-        "calibration": "calibration", "constriction_runs": "constriction_runs",
-        "calibration_correlations": "calibration_correlations", "anova": "anova",
-        "robustness": "robustness", "benchmark": "benchmark", "predictions": "predictions",
-        "designs": "designs", "design_trials": "design_trials",
-        "design_tolerances": "design_tolerances", "design_importance": "design_importance",
-        "design_slices": "design_slices", "verifications": "verifications",
+        "outcomes": "outcomes",
+        "runs": "runs",
+        "flows": "flows",
+        "trajectory": "trajectories",
+        "calibration": "calibration",
+        "constriction_runs": "constriction_runs",
+        "calibration_correlations": "calibration_correlations",
+        "anova": "anova",
+        "robustness": "robustness",
+        "benchmark": "benchmark",
+        "predictions": "predictions",
+        "designs": "designs",
+        "design_trials": "design_trials",
+        "design_tolerances": "design_tolerances",
+        "design_importance": "design_importance",
+        "design_slices": "design_slices",
+        "verifications": "verifications",
         "verified_designs": "verified_designs",
-        "learning_curve": "learning_curve", "search_regret": "search_regret",
+        "learning_curve": "learning_curve",
+        "search_regret": "search_regret",
     }.items():
         assert read_rows(kind, results / f"{name}.parquet"), name
         assert name == "trajectories" or (results / f"{name}.csv").exists()

@@ -14,15 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.design_matrix import (
-    ANGLE,
-    DEFORMATION,
-    Term,
-    aliased,
-    label,
-    rank,
-    width,
-)
+from dldsim.analysis.design_matrix import ANGLE, DEFORMATION, Term, aliased, label, rank, width
 from dldsim.analysis.permutation import permutation
 from dldsim.errors import DldsimError
 from dldsim.tables.user_table import as_keys, as_numbers, check_plausible, need
@@ -110,15 +102,20 @@ def analyse(frame: pd.DataFrame, seed: int = 1) -> tuple[pd.DataFrame, pd.DataFr
     terms, unusable = _estimable(design, main, slopes + pairs)
     left_out += unusable
     if len(data) - rank(design, terms) < MIN_RESIDUAL_DF and set(pairs) & set(terms):
-        left_out += [(pair, f"left out: fewer than {MIN_RESIDUAL_DF} residual degrees of freedom")
-                     for pair in pairs if pair in terms]
+        left_out += [
+            (pair, f"left out: fewer than {MIN_RESIDUAL_DF} residual degrees of freedom")
+            for pair in pairs
+            if pair in terms
+        ]
         terms, unusable = _estimable(design, main, slopes)
         left_out += [item for item in unusable if item not in left_out]
     rows += [_row("hierarchical", label(term), note) for term, note in left_out]
     rows += _fit("hierarchical", data, terms, tests, seed)
     order = {model: i for i, model in enumerate(MODELS)}
-    return (pd.DataFrame(sorted(rows, key=lambda row: order[row["model"]])),
-            pd.DataFrame(tests, columns=["model", "test", "statistic", "p_value", "meaning"]))
+    return (
+        pd.DataFrame(sorted(rows, key=lambda row: order[row["model"]])),
+        pd.DataFrame(tests, columns=["model", "test", "statistic", "p_value", "meaning"]),
+    )
 
 
 def usable(
@@ -140,22 +137,36 @@ def usable(
         reasons[reasons.isna() & data[name].isna()] = f"no {name}"
         reasons[reasons.isna() & np.isinf(data[name])] = f"infinite {name}"
     notes = []
-    sets = as_keys(frame["stiffness_set"].reset_index(drop=True)) if "stiffness_set" in frame \
+    sets = (
+        as_keys(frame["stiffness_set"].reset_index(drop=True))
+        if "stiffness_set" in frame
         else pd.Series(None, data.index, dtype=object)
+    )
     if sets.isna().all():
-        notes.append(("stiffness_set", "none in the table: rows of one deformation_index count as "
-                      "one cell type"))
+        notes.append(
+            (
+                "stiffness_set",
+                "none in the table: rows of one deformation_index count as one cell type",
+            )
+        )
         sets = data[DEFORMATION].map("{:.12g}".format)
     reasons[reasons.isna() & sets.isna()] = "no stiffness_set"
     data["stiffness_set"] = sets
     counts = reasons.value_counts(sort=False)
-    notes += [("rows", f"{count} of {len(data)} rows left out: {reason}"
-               + _statuses(frame, (reasons == reason).to_numpy())) for reason, count in
-              counts.items()]
+    notes += [
+        (
+            "rows",
+            f"{count} of {len(data)} rows left out: {reason}"
+            + _statuses(frame, (reasons == reason).to_numpy()),
+        )
+        for reason, count in counts.items()
+    ]
     if reasons.notna().all():
         causes = "".join(f" ({count}: {reason})" for reason, count in counts.items())
-        raise DldsimError(f"{WHERE}: none of the {len(frame)} rows has all of "
-                          f"{', '.join(NEEDED)}.{causes} Fill the columns.")
+        raise DldsimError(
+            f"{WHERE}: none of the {len(frame)} rows has all of "
+            f"{', '.join(NEEDED)}.{causes} Fill the columns."
+        )
     places = np.flatnonzero(reasons.isna())
     _refuse_doubled(frame, places)
     if len(places) > ROWS_MOST:
@@ -163,9 +174,14 @@ def usable(
         repeat = drawn.groupby([*GEOMETRY, DEFORMATION, "stiffness_set"]).cumcount()
         each = max(1, ROWS_MOST // int((repeat == 0).sum()))  # of each cell equally many
         kept = np.sort(drawn.index[repeat < each][:ROWS_MOST])
-        notes.append(("rows", f"{len(places) - len(kept)} of {len(data)} rows left out: at most "
-                      f"{ROWS_MOST} are analysed, {each} of each array and cell, drawn at random "
-                      f"(seed {seed}) to bound the time"))
+        notes.append(
+            (
+                "rows",
+                f"{len(places) - len(kept)} of {len(data)} rows left out: at most "
+                f"{ROWS_MOST} are analysed, {each} of each array and cell, drawn at random "
+                f"(seed {seed}) to bound the time",
+            )
+        )
         places = kept
     data = data.iloc[places].reset_index(drop=True)
     crowded = [n for n in GEOMETRY if data[n].nunique() > LEVELS_MOST]
@@ -183,7 +199,8 @@ def _statuses(frame: pd.DataFrame, rows: np.ndarray) -> str:
         return ""
     counts = frame["status"].reset_index(drop=True)[rows].value_counts()
     return f" ({', '.join(f'status {name}: {count}' for name, count in counts.items())})" * bool(
-        len(counts))
+        len(counts)
+    )
 
 
 def _refuse_doubled(frame: pd.DataFrame, places: np.ndarray) -> None:
@@ -207,9 +224,15 @@ def _refuse_doubled(frame: pd.DataFrame, places: np.ndarray) -> None:
 
 
 def _conditions(frame: pd.DataFrame) -> list[tuple[str, str]]:
-    return [(name, f"{frame[name].nunique()} different values in the table; the models do not know "
-             "it, so that its effect is in the residual or in what goes along with it")
-            for name in CONDITIONS if name in frame and frame[name].nunique() > 1]
+    return [
+        (
+            name,
+            f"{frame[name].nunique()} different values in the table; the models do not know "
+            "it, so that its effect is in the residual or in what goes along with it",
+        )
+        for name in CONDITIONS
+        if name in frame and frame[name].nunique() > 1
+    ]
 
 
 def share_of_bump(data: pd.DataFrame) -> pd.Series:
@@ -221,8 +244,10 @@ def _doubts_of_unit(data: pd.DataFrame) -> list[str]:
     """What speaks against degrees, counted along the row shift; F and p do not depend on it."""
     share = share_of_bump(data)
     low, high, most = share.min(), share.max(), share.abs().max()
-    said = (f"the angles reach from {data[ANGLE].min():.3g}° to {data[ANGLE].max():.3g}°, "
-            f"{low:.2g} to {high:.2g} of full bump: ")
+    said = (
+        f"the angles reach from {data[ANGLE].min():.3g}° to {data[ANGLE].max():.3g}°, "
+        f"{low:.2g} to {high:.2g} of full bump: "
+    )
     unit = "; sums of squares are in the square of the column's unit, F and p do not depend on it"
     if most > 1.5:
         return [f"{said}no array moves cells so far; look at the unit, and at single rows{unit}"]
@@ -238,8 +263,11 @@ def _separable(data: pd.DataFrame) -> tuple[dict[str, list[str]], bool, list[tup
 
     Also whether the deformation index has an effect of its own, and notes on what it has not.
     """
-    notes = [(name, f"only one level ({data[name].iloc[0]:g}): no effect to estimate")
-             for name in [*GEOMETRY, DEFORMATION] if data[name].nunique() == 1]
+    notes = [
+        (name, f"only one level ({data[name].iloc[0]:g}): no effect to estimate")
+        for name in [*GEOMETRY, DEFORMATION]
+        if data[name].nunique() == 1
+    ]
     constant = [name for name, _ in notes]
     groups = [[name] for name in GEOMETRY if name not in constant]
     has_index = DEFORMATION not in constant
@@ -256,16 +284,27 @@ def _separable(data: pd.DataFrame) -> tuple[dict[str, list[str]], bool, list[tup
         names = [term[0] for term in found]
         if has_index and DEFORMATION in names:
             others = ", ".join(name for name in names if name != DEFORMATION)
-            notes.append((DEFORMATION, f"follows from {others} in this table: not separable, its "
-                          "effect is inside those factors"))
+            notes.append(
+                (
+                    DEFORMATION,
+                    f"follows from {others} in this table: not separable, its "
+                    "effect is inside those factors",
+                )
+            )
             has_index = False
             continue
         merged, why = _most_aliased(work, names)
         members = [name for name in GEOMETRY if any(name in labels[label] for label in merged)]
         groups = [g for g in groups if " & ".join(g) not in merged] + [members]
         groups.sort(key=lambda group: GEOMETRY.index(group[0]))
-        notes += [(label, f"{why}: separate effects cannot be estimated, tested together as "
-                   f"{' & '.join(members)}") for label in merged]
+        notes += [
+            (
+                label,
+                f"{why}: separate effects cannot be estimated, tested together as "
+                f"{' & '.join(members)}",
+            )
+            for label in merged
+        ]
 
 
 def _most_aliased(work: pd.DataFrame, names: Sequence[str]) -> tuple[list[str], str]:
@@ -288,22 +327,34 @@ def _estimable(
     names = ", ".join(map(label, tied))
     return (
         main + [t for t in interactions if t not in tied],
-        [(t, f"left out: not all cells of the design are filled (aliased: {names})")
-         for t in tied],
+        [(t, f"left out: not all cells of the design are filled (aliased: {names})") for t in tied],
     )
 
 
-NUMBERS = ["sum_sq", "df", "f_value", "p_value", "partial_eta_sq", "partial_omega_sq", "p_robust",
-           "p_permutation"]
+NUMBERS = [
+    "sum_sq",
+    "df",
+    "f_value",
+    "p_value",
+    "partial_eta_sq",
+    "partial_omega_sq",
+    "p_robust",
+    "p_permutation",
+]
 
 
 def _row(model: str, term: str, note: str = "", **numbers: float) -> dict[str, Any]:
-    return {"model": model, "term": term} | dict.fromkeys(NUMBERS, np.nan) | numbers | {
-        "note": note}
+    return (
+        {"model": model, "term": term} | dict.fromkeys(NUMBERS, np.nan) | numbers | {"note": note}
+    )
 
 
 def _fit(
-    model: str, data: pd.DataFrame, terms: Sequence[Term], tests: list[dict[str, Any]], seed: int,
+    model: str,
+    data: pd.DataFrame,
+    terms: Sequence[Term],
+    tests: list[dict[str, Any]],
+    seed: int,
     note: str = "",
 ) -> list[dict[str, Any]]:
     """Rows of one model of full rank: Type II sums of squares by statsmodels; adds to `tests`."""
@@ -311,8 +362,14 @@ def _fit(
         return [_row(model, "all", "no factor has an effect that can be estimated")]
     residual_df = len(data) - rank(data, terms)
     if residual_df < 1:
-        return [_row(model, "all", f"{len(data)} rows determine the model exactly: no residual "
-                     "degrees of freedom, nothing can be tested. Add sets or geometries.")]
+        return [
+            _row(
+                model,
+                "all",
+                f"{len(data)} rows determine the model exactly: no residual "
+                "degrees of freedom, nothing can be tested. Add sets or geometries.",
+            )
+        ]
     from statsmodels.formula.api import ols
     from statsmodels.stats.anova import anova_lm
 
@@ -342,17 +399,29 @@ def _fit(
         if not exact:
             error = fit.ssr / residual_df
             tested = {
-                "f_value": found["F"], "p_value": found["PR(>F)"],
+                "f_value": found["F"],
+                "p_value": found["PR(>F)"],
                 "partial_omega_sq": (found["sum_sq"] - found["df"] * error)
                 / (found["sum_sq"] + (len(data) - found["df"]) * error),
                 "p_robust": np.nan if robust is None else robust.loc[labels[term], "PR(>F)"],
                 "p_permutation": permuted.get(term, np.nan),
             }
-        rows.append(_row(model, label(term), note, sum_sq=found["sum_sq"], df=found["df"],
-                         partial_eta_sq=found["sum_sq"] / (found["sum_sq"] + fit.ssr), **tested))
+        rows.append(
+            _row(
+                model,
+                label(term),
+                note,
+                sum_sq=found["sum_sq"],
+                df=found["df"],
+                partial_eta_sq=found["sum_sq"] / (found["sum_sq"] + fit.ssr),
+                **tested,
+            )
+        )
     rows += [_row(model, term, remark) for term, remark in remarks]
-    return [*rows, _row(model, "residual", _pure_error(data), sum_sq=fit.ssr,
-                        df=float(residual_df))]
+    return [
+        *rows,
+        _row(model, "residual", _pure_error(data), sum_sq=fit.ssr, df=float(residual_df)),
+    ]
 
 
 def _pure_error(data: pd.DataFrame) -> str:
@@ -360,11 +429,15 @@ def _pure_error(data: pd.DataFrame) -> str:
     repeats = data.groupby([*GEOMETRY, DEFORMATION, "stiffness_set"])[ANGLE]
     df = len(data) - repeats.ngroups
     if not df:
-        return ("lack of fit of the model and scatter of the data, which no row repeats; of "
-                "simulations, which repeat exactly, all of it is lack of fit")
+        return (
+            "lack of fit of the model and scatter of the data, which no row repeats; of "
+            "simulations, which repeat exactly, all of it is lack of fit"
+        )
     scatter = float((repeats.var(ddof=0) * repeats.size()).sum())
-    return (f"lack of fit of the model, and scatter of repeated rows: sum of squares {scatter:.4g} "
-            f"with {df} degrees of freedom")
+    return (
+        f"lack of fit of the model, and scatter of repeated rows: sum of squares {scatter:.4g} "
+        f"with {df} degrees of freedom"
+    )
 
 
 def _diagnostics(fit, data: pd.DataFrame, leverage: float) -> list[dict[str, Any]]:
@@ -376,8 +449,14 @@ def _diagnostics(fit, data: pd.DataFrame, leverage: float) -> list[dict[str, Any
     rows = []
 
     def add(test: str, statistic: float, p_value: float, meaning: str) -> None:
-        rows.append({"test": test, "statistic": float(statistic), "p_value": float(p_value),
-                     "meaning": meaning})
+        rows.append(
+            {
+                "test": test,
+                "statistic": float(statistic),
+                "p_value": float(p_value),
+                "meaning": meaning,
+            }
+        )
 
     none = np.nan
     add("rows", len(residual), none, "rows analysed")
@@ -392,15 +471,21 @@ def _diagnostics(fit, data: pd.DataFrame, leverage: float) -> list[dict[str, Any
     add("excess kurtosis", kurtosis(residual), none, "0 for normal residuals, larger: heavy tails")
     lm, p, *_ = het_breuschpagan(residual, fit.model.exog)
     add("Breusch–Pagan LM", lm, p, "small p: the residual variance depends on the factors")
-    add("correlation within geometry", _intraclass(residual, data), none,
-        "0: rows of one geometry are as good as independent; near 1: they count as one")
+    add(
+        "correlation within geometry",
+        _intraclass(residual, data),
+        none,
+        "0: rows of one geometry are as good as independent; near 1: they count as one",
+    )
     return rows
 
 
 def _intraclass(residual: np.ndarray, data: pd.DataFrame) -> float:
     """Intraclass correlation ICC(1) of residuals within geometries, null without repetitions."""
-    parts = [p.to_numpy() for _, p in pd.Series(residual, data.index).groupby(
-        [data[name] for name in GEOMETRY])]
+    parts = [
+        p.to_numpy()
+        for _, p in pd.Series(residual, data.index).groupby([data[name] for name in GEOMETRY])
+    ]
     counts = np.array([len(p) for p in parts])
     if len(parts) < 2 or counts.sum() == len(parts):
         return np.nan

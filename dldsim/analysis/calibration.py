@@ -57,9 +57,13 @@ def calibrate(constriction_runs: pd.DataFrame) -> pd.DataFrame:
             {"design": design, "group": group}
             | part.iloc[0][SETTINGS].to_dict()
             | {
-                "runs": count, DEFORMATION: mean, "deformation_index_std": spread,
-                "deformation_index_low": mean - reach, "deformation_index_high": mean + reach,
-                "deformation_index_min": values.min(), "deformation_index_max": values.max(),
+                "runs": count,
+                DEFORMATION: mean,
+                "deformation_index_std": spread,
+                "deformation_index_low": mean - reach,
+                "deformation_index_high": mean + reach,
+                "deformation_index_min": values.min(),
+                "deformation_index_max": values.max(),
                 "coefficient_of_variation": spread / mean if mean else np.nan,
             }
         )
@@ -85,8 +89,9 @@ def correlations(constriction_runs: pd.DataFrame) -> pd.DataFrame:
             x, y = data[a].to_numpy(), data[b].to_numpy()
             varies = len(data) > 2 and min(len(np.unique(x)), len(np.unique(y))) > 1
             r = np.corrcoef(x, y)[0, 1] if varies else np.nan
-            rows.append({"design": design, "variable_a": a, "variable_b": b, "pearson_r": r,
-                         "n": len(data)})
+            rows.append(
+                {"design": design, "variable_a": a, "variable_b": b, "pearson_r": r, "n": len(data)}
+            )
     return pd.DataFrame(rows)
 
 
@@ -110,19 +115,27 @@ def join_deformation_index(outcomes: pd.DataFrame, calibration: pd.DataFrame) ->
         raise DldsimError(
             "Calibration: no constriction group calibrates stiffness set "
             f"{', '.join(name or '(none named)' for name in missing)} (calibrated: {calibrated}).",
-            key="stiffness_set", value=missing, allowed=calibrated,
+            key="stiffness_set",
+            value=missing,
+            allowed=calibrated,
             remedy="Name one of these, or calibrate the set (constriction_groups of a campaign).",
-        )  # fmt: skip
+        )
     by_set = named.set_index(names)
     return outcomes.assign(
-        **{name: wanted.map(by_set[name]).astype(float)
-           for name in (DEFORMATION, "deformation_index_std")}
+        **{
+            name: wanted.map(by_set[name]).astype(float)
+            for name in (DEFORMATION, "deformation_index_std")
+        }
     )
 
 
 def stiffness_for(
-    deformation_index: float, calibration: pd.DataFrame, error: float = 0.0,
-    design: str = GROUP_VELOCITY, *, key: str = DEFORMATION,
+    deformation_index: float,
+    calibration: pd.DataFrame,
+    error: float = 0.0,
+    design: str = GROUP_VELOCITY,
+    *,
+    key: str = DEFORMATION,
 ) -> dict[str, Any]:
     """Moduli and calibration velocity of a cell with this deformation index, ± `error`.
 
@@ -138,18 +151,25 @@ def stiffness_for(
     DldsimError outside the calibrated range, for an
     unknown design, and where separate stiffnesses belong to the index.
     """
-    _check_columns(calibration, ["design", "group", *SETTINGS, DEFORMATION,
-                                 "deformation_index_std"])
-    numbers = {n: as_numbers(calibration[n], "Calibration") for n in
-               [*MODULI, "velocity_mm_s", DEFORMATION, "deformation_index_std"]}
+    _check_columns(
+        calibration, ["design", "group", *SETTINGS, DEFORMATION, "deformation_index_std"]
+    )
+    numbers = {
+        n: as_numbers(calibration[n], "Calibration")
+        for n in [*MODULI, "velocity_mm_s", DEFORMATION, "deformation_index_std"]
+    }
     for name in numbers.keys() & PLAUSIBLE.keys():
         check_plausible(numbers[name], "Calibration")
     calibration = calibration.assign(**numbers)
     known = calibration["design"].unique()
     if design not in known:
         calibrated = ", ".join(known)
-        raise DldsimError(f"Calibration: no design {design!r} (calibrated: {calibrated}).",
-                          key="design", value=design, allowed=calibrated)
+        raise DldsimError(
+            f"Calibration: no design {design!r} (calibrated: {calibrated}).",
+            key="design",
+            value=design,
+            allowed=calibrated,
+        )
     curve = calibration[calibration["design"] == design].dropna(subset=[DEFORMATION])
     curve = curve.sort_values("ks_uN_per_m", kind="stable")
     index = curve[DEFORMATION].to_numpy(float)
@@ -163,14 +183,19 @@ def stiffness_for(
         allowed = f"{low:.4g} to {high:.4g}"
         raise DldsimError(
             f"{key} = {deformation_index:g} is outside the calibrated range {allowed} of design "
-            f"{design}.", key=key, value=deformation_index, allowed=allowed,
+            f"{design}.",
+            key=key,
+            value=deformation_index,
+            allowed=allowed,
             remedy="Choose one inside, or add constriction groups beyond it.",
-        )  # fmt: skip
+        )
     if not (math.isfinite(error) and error >= 0):
         raise DldsimError(
-            f"The error of a deformation index must be 0 or more, got {error:g}.", key="error",
-            value=error, allowed="0 or more",
-        )  # fmt: skip
+            f"The error of a deformation index must be 0 or more, got {error:g}.",
+            key="error",
+            value=error,
+            allowed="0 or more",
+        )
     places = np.arange(len(index))
     dense = np.linspace(0, places[-1], places[-1] * CURVE_STEPS + 1)
     spread = curve["deformation_index_std"].fillna(0.0).to_numpy(float)
@@ -178,7 +203,7 @@ def stiffness_for(
     off = np.interp(dense, places, index) - deformation_index
     exact = _crossings(index, deformation_index)
     possible = np.flatnonzero(np.abs(off) <= reach)
-    first, last = (possible[[0, -1]] if possible.size else (0, -1))
+    first, last = possible[[0, -1]] if possible.size else (0, -1)
     unbroken = possible.size == last - first + 1 and possible.size > 0
     slack = 1 / CURVE_STEPS
     columns = [*MODULI, "velocity_mm_s"]
@@ -188,13 +213,17 @@ def stiffness_for(
         found = ", ".join(f"{np.interp(p, places, curve['ks_uN_per_m']):.4g}" for p in exact)
         raise DldsimError(
             f"{key} = {deformation_index:g} belongs to {len(exact)} stiffnesses, k_s = {found} "
-            f"µN/m: the calibration curve of design {design} is not monotone there.", key=key,
-            value=deformation_index, allowed="where the calibration curve is monotone",
+            f"µN/m: the calibration curve of design {design} is not monotone there.",
+            key=key,
+            value=deformation_index,
+            allowed="where the calibration curve is monotone",
             remedy="Choose the stiffness directly.",
-        )  # fmt: skip
+        )
     place = (exact[0] + exact[-1]) / 2
-    ends = [min(place, dense[first] if possible.size else place),
-            max(place, dense[last] if possible.size else place)]
+    ends = [
+        min(place, dense[first] if possible.size else place),
+        max(place, dense[last] if possible.size else place),
+    ]
     values = {n: float(np.interp(place, places, curve[n])) for n in columns}
     for name in MODULI:
         at = curve[name].to_numpy(float)
@@ -203,8 +232,11 @@ def stiffness_for(
         values |= {f"{name}_low": float(seen.min()), f"{name}_high": float(seen.max())}
     groups = curve["group"].tolist()
     between = groups[math.floor(exact[0])], groups[math.ceil(exact[-1])]
-    return values | {"between": between, "design": design,
-                     "truncated": bool(ends[0] <= 0 or ends[1] >= places[-1])}
+    return values | {
+        "between": between,
+        "design": design,
+        "truncated": bool(ends[0] <= 0 or ends[1] >= places[-1]),
+    }
 
 
 def _crossings(index: np.ndarray, value: float) -> list[float]:

@@ -56,8 +56,7 @@ def aliased(data: pd.DataFrame, terms: Sequence[Term]) -> list[Term]:
     full = rank(data, terms)
     if full == 1 + width(data, terms):
         return []
-    return [t for t in terms
-            if full - rank(data, [u for u in terms if u != t]) < width(data, [t])]
+    return [t for t in terms if full - rank(data, [u for u in terms if u != t]) < width(data, [t])]
 
 
 def label(term: Term) -> str:

@@ -45,12 +45,16 @@ def permutation(
     block = sets * repeats
     count = len(work) // block
     if count < 5:
-        return {}, [f"no p by permutation: {count} geometries have all {sets} cells equally often, "
-                    "at least 5 are needed"]
+        return {}, [
+            f"no p by permutation: {count} geometries have all {sets} cells equally often, "
+            "at least 5 are needed"
+        ]
     if len(work) < LEAST_COMPLETE * len(data):
-        return {}, [f"no p by permutation: geometries with all {sets} cells, {repeats} times each, "
-                    f"hold {len(work)} of {len(data)} rows, at least {LEAST_COMPLETE:.0%} are "
-                    "needed"]
+        return {}, [
+            f"no p by permutation: geometries with all {sets} cells, {repeats} times each, "
+            f"hold {len(work)} of {len(data)} rows, at least {LEAST_COMPLETE:.0%} are "
+            "needed"
+        ]
     cells = work.groupby(["group", "stiffness_set"], as_index=False, sort=True)
     if (cells[DEFORMATION].nunique()[DEFORMATION] > 1).any():
         return {}, ["no p by permutation: deformation_index differs among repeats of a cell"]
@@ -60,12 +64,16 @@ def permutation(
     cost = len(work) * (1 + width(work, terms)) * len(terms)
     draws = int(min(PERMUTATIONS, VALUES / len(work), PRODUCTS / cost))
     if draws < FEWEST:
-        return {}, [f"no p by permutation: {len(work)} cells allow {draws} permutations in the "
-                    f"time that there is, at least {FEWEST} are needed"]
+        return {}, [
+            f"no p by permutation: {len(work)} cells allow {draws} permutations in the "
+            f"time that there is, at least {FEWEST} are needed"
+        ]
     notes = []
     if draws < PERMUTATIONS:
-        notes = [f"p by permutation: {draws} permutations instead of {PERMUTATIONS}, to bound the "
-                 f"time for {len(work)} cells; the least p is {1 / (1 + draws):.2g}"]
+        notes = [
+            f"p by permutation: {draws} permutations instead of {PERMUTATIONS}, to bound the "
+            f"time for {len(work)} cells; the least p is {1 / (1 + draws):.2g}"
+        ]
     full = basis(work, terms)
     if full.shape[1] >= len(work) and not scatter:
         return {}, ["no p by permutation: the rows of complete geometries determine the model"]
@@ -91,13 +99,15 @@ def permutation(
     return found, notes
 
 
-def _ratio(sample: np.ndarray, less: np.ndarray, beside: np.ndarray, full: np.ndarray,
-           scatter: float) -> np.ndarray:
+def _ratio(
+    sample: np.ndarray, less: np.ndarray, beside: np.ndarray, full: np.ndarray, scatter: float
+) -> np.ndarray:
     """What a term explains of each column over what the model leaves of it.
 
     Columns are residuals, permuted or not, of the model without the term. Its fit, on which they
     would be put back, lies in the span of all of these bases and changes neither.
     """
+
     def explained(columns: np.ndarray) -> np.ndarray:
         return ((columns.T @ sample) ** 2).sum(axis=0)
 

@@ -21,8 +21,12 @@ from dldsim.laws import critical_diameter
 from dldsim.vocabulary import DECIDED, GEOMETRY
 
 FEATURES = [
-    "log_size_over_critical_diameter", "log_confinement", "log_periodicity",
-    "log_pillar_radius_over_cell_radius", "log_gap_over_pillar_diameter", "deformation_index",
+    "log_size_over_critical_diameter",
+    "log_confinement",
+    "log_periodicity",
+    "log_pillar_radius_over_cell_radius",
+    "log_gap_over_pillar_diameter",
+    "deformation_index",
     "bump_angle_deg",
 ]
 INPUTS = [*GEOMETRY, "deformation_index", "cell_radius_um"]
@@ -54,8 +58,10 @@ def features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radi
     Raises DldsimError for lengths that are not positive or values that are not finite.
     """
     columns = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(v, float)) for v in (
-            pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um))
+        *(
+            np.atleast_1d(np.asarray(v, float))
+            for v in (pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)
+        )
     )
     if not all(np.isfinite(c).all() for c in columns):
         raise DldsimError(f"Surrogate: {', '.join(INPUTS)} must be finite numbers.")
@@ -63,10 +69,17 @@ def features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radi
     for name, values in zip(INPUTS, columns, strict=True):
         if name != "deformation_index" and (values <= 0).any():
             raise DldsimError(f"Surrogate: {name} must be positive, got {values.min():g}.")
-    return np.column_stack([
-        np.log(2 * cell / critical_diameter(gap, 1 / rows)), np.log(2 * cell / gap), np.log(rows),
-        np.log(radius / cell), np.log(gap / (2 * radius)), index, np.degrees(np.arctan(1 / rows)),
-    ])
+    return np.column_stack(
+        [
+            np.log(2 * cell / critical_diameter(gap, 1 / rows)),
+            np.log(2 * cell / gap),
+            np.log(rows),
+            np.log(radius / cell),
+            np.log(gap / (2 * radius)),
+            index,
+            np.degrees(np.arctan(1 / rows)),
+        ]
+    )
 
 
 def share_of(angle_deg, periodicity) -> np.ndarray:
@@ -92,7 +105,8 @@ def learnable(outcomes: pd.DataFrame) -> pd.DataFrame:
     data = data.sort_values("outcome_id").reset_index(drop=True)
     if data.groupby(GEOMETRY).ngroups < 3 or data[ANGLE].nunique() < 2:
         causes = ", ".join(
-            f"{int(outcomes[n].isna().sum())} without {n}" for n in (ANGLE, "deformation_index"))
+            f"{int(outcomes[n].isna().sum())} without {n}" for n in (ANGLE, "deformation_index")
+        )
         raise DldsimError(
             f"Surrogate: {len(data)} of {len(outcomes)} outcomes are usable ({causes}); at least "
             "three geometries with different angles are needed. Widen the sweep, or see why the "
@@ -155,7 +169,8 @@ class TwoLimitCurve(_Settable):
         """(n, 5); DI and ln N_p in units and from a level that make their slopes comparable."""
         size, _, rows, pillar, _, index, _ = x.T
         return np.column_stack(
-            [size, index / INDEX_SCALE, rows, pillar, (rows - np.log(TYPICAL_ROWS)) * pillar])
+            [size, index / INDEX_SCALE, rows, pillar, (rows - np.log(TYPICAL_ROWS)) * pillar]
+        )
 
     def fit(self, x: np.ndarray, y: np.ndarray) -> "TwoLimitCurve":
         terms, rows = self.terms(x), np.exp(x[:, FEATURES.index("log_periodicity")])
@@ -219,8 +234,9 @@ class BoundedXGBoost(_Settable):
 
         self.curve = TwoLimitCurve(self.penalty).fit(x, y)
         rows = np.exp(x[:, FEATURES.index("log_periodicity")])
-        matrix = xgboost.DMatrix(x, np.clip(share_of(y, rows), 0, 1),
-                                 base_margin=odds(self.curve.share(x)))
+        matrix = xgboost.DMatrix(
+            x, np.clip(share_of(y, rows), 0, 1), base_margin=odds(self.curve.share(x))
+        )
         settings = BOOSTING | {"max_depth": self.depth, "seed": self.seed}
         self.booster = xgboost.train(settings, matrix, self.trees)
         return self
@@ -231,8 +247,15 @@ class BoundedXGBoost(_Settable):
 
 
 BOOSTING = {
-    "objective": "reg:logistic", "base_score": 0.5, "eta": 0.05, "subsample": 0.8,
-    "colsample_bytree": 0.8, "min_child_weight": 0.2, "lambda": 1.0, "nthread": 1, "verbosity": 0,
+    "objective": "reg:logistic",
+    "base_score": 0.5,
+    "eta": 0.05,
+    "subsample": 0.8,
+    "colsample_bytree": 0.8,
+    "min_child_weight": 0.2,
+    "lambda": 1.0,
+    "nthread": 1,
+    "verbosity": 0,
 }
 
 
@@ -261,30 +284,52 @@ def make_regressors(seed: int) -> dict[str, tuple[Any, list[dict[str, Any]]]]:
     support_vectors = make_pipeline(
         StandardScaler(), SelectFromModel(importance, threshold="0.1*mean"), SVR(epsilon=0.02)
     )
-    boosted = XGBRegressor(learning_rate=0.1, subsample=0.8, colsample_bytree=0.8, n_jobs=1,
-                           verbosity=0, random_state=seed)
+    boosted = XGBRegressor(
+        learning_rate=0.1,
+        subsample=0.8,
+        colsample_bytree=0.8,
+        n_jobs=1,
+        verbosity=0,
+        random_state=seed,
+    )
     polynomial = make_pipeline(
-        StandardScaler(), PolynomialFeatures(2, include_bias=False), VarianceThreshold(NEGLIGIBLE),
-        StandardScaler(), Ridge(),
+        StandardScaler(),
+        PolynomialFeatures(2, include_bias=False),
+        VarianceThreshold(NEGLIGIBLE),
+        StandardScaler(),
+        Ridge(),
     )
     return {
-        SURROGATE: (BoundedXGBoost(seed), [
-            {"penalty": 30, "trees": 5, "depth": 2}, {"penalty": 3, "trees": 15, "depth": 2},
-            {"penalty": 3, "trees": 60, "depth": 2}, {"penalty": 0.3, "trees": 100, "depth": 3}]),
+        SURROGATE: (
+            BoundedXGBoost(seed),
+            [
+                {"penalty": 30, "trees": 5, "depth": 2},
+                {"penalty": 3, "trees": 15, "depth": 2},
+                {"penalty": 3, "trees": 60, "depth": 2},
+                {"penalty": 0.3, "trees": 100, "depth": 3},
+            ],
+        ),
         CURVE: (TwoLimitCurve(), [{"penalty": p} for p in (30, 3, 0.3)]),
-        "XGBoost": (boosted, [
-            {"n_estimators": n, "max_depth": d} for n, d in ((60, 2), (60, 4), (150, 4))]),
+        "XGBoost": (
+            boosted,
+            [{"n_estimators": n, "max_depth": d} for n, d in ((60, 2), (60, 4), (150, 4))],
+        ),
         "SVR with feature selection": (
             TransformedTargetRegressor(support_vectors, transformer=StandardScaler()),
-            [{"regressor__svr__C": c} for c in (1, 10, 100)]),
-        "random forest": (RandomForestRegressor(30, random_state=seed, n_jobs=1),
-                          [{"min_samples_leaf": n} for n in (1, 3)]),
+            [{"regressor__svr__C": c} for c in (1, 10, 100)],
+        ),
+        "random forest": (
+            RandomForestRegressor(30, random_state=seed, n_jobs=1),
+            [{"min_samples_leaf": n} for n in (1, 3)],
+        ),
         "polynomial ridge": (polynomial, [{"ridge__alpha": a} for a in (0.01, 0.1, 1, 10, 100)]),
-        "elastic net": (make_pipeline(StandardScaler(), ElasticNet(max_iter=100_000)),
-                        [{"elasticnet__alpha": a} for a in (0.001, 0.01, 0.1)]),
+        "elastic net": (
+            make_pipeline(StandardScaler(), ElasticNet(max_iter=100_000)),
+            [{"elasticnet__alpha": a} for a in (0.001, 0.01, 0.1)],
+        ),
         "linear": (make_pipeline(StandardScaler(), LinearRegression()), [{}]),
         BASELINE: (CriticalDiameterRule(), [{}]),
-    }  # fmt: skip
+    }
 
 
 # -------------------------------------------------------------------------------- cross-validation
@@ -306,8 +351,9 @@ def folds_of(groups: np.ndarray, count: int, seed: int) -> Iterator[tuple[np.nda
     yield from folds.split(groups, groups=groups)
 
 
-def tune(prototype, grid: list[dict], x: np.ndarray, y: np.ndarray, groups: np.ndarray,
-         seed: int) -> tuple[Any, np.ndarray]:
+def tune(
+    prototype, grid: list[dict], x: np.ndarray, y: np.ndarray, groups: np.ndarray, seed: int
+) -> tuple[Any, np.ndarray]:
     """The prototype with the best settings of the grid, unfitted, and its held-out predictions.
 
     Least squared error over folds that keep groups together. Without choice or with one group the
@@ -335,8 +381,11 @@ def cross_validate(
     groups = groups_of(data, split)
     decided = data["status"].isin(DECIDED).to_numpy()
     scores, predictions = [], []
-    folds = [(repeat, *fold) for repeat in range(REPEATS)
-             for fold in folds_of(groups, FOLDS, seed + repeat)]
+    folds = [
+        (repeat, *fold)
+        for repeat in range(REPEATS)
+        for fold in folds_of(groups, FOLDS, seed + repeat)
+    ]
     if split == "stiffness":
         folds = folds[: len(folds) // REPEATS]  # few sets: the folds of a repeat are the same
     for number, (repeat, train, test) in enumerate(folds):
@@ -352,18 +401,36 @@ def cross_validate(
             error = predicted - y[test]
             spread = np.sum((y[test] - y[test].mean()) ** 2)
             mse = np.mean(error**2)
-            scores.append({
-                "model": name, "split": split, "repeat": repeat, "fold": number,
-                "n_train": len(train), "n_test": len(test),
-                "mse_deg2": mse, "rmse_deg": np.sqrt(mse), "mae_deg": np.mean(np.abs(error)),
-                "r2": 1 - np.sum(error**2) / spread if spread > 0 else np.nan,
-                "fit_time_s": fitted - start, "predict_time_s": done - fitted,
-            })
-            predictions.append(pd.DataFrame({
-                "outcome_id": data["outcome_id"].to_numpy()[test], "model": name, "split": split,
-                "repeat": repeat, "fold": number, "observed_deg": y[test],
-                "predicted_deg": predicted, "decided": decided[test],
-            }))
+            scores.append(
+                {
+                    "model": name,
+                    "split": split,
+                    "repeat": repeat,
+                    "fold": number,
+                    "n_train": len(train),
+                    "n_test": len(test),
+                    "mse_deg2": mse,
+                    "rmse_deg": np.sqrt(mse),
+                    "mae_deg": np.mean(np.abs(error)),
+                    "r2": 1 - np.sum(error**2) / spread if spread > 0 else np.nan,
+                    "fit_time_s": fitted - start,
+                    "predict_time_s": done - fitted,
+                }
+            )
+            predictions.append(
+                pd.DataFrame(
+                    {
+                        "outcome_id": data["outcome_id"].to_numpy()[test],
+                        "model": name,
+                        "split": split,
+                        "repeat": repeat,
+                        "fold": number,
+                        "observed_deg": y[test],
+                        "predicted_deg": predicted,
+                        "decided": decided[test],
+                    }
+                )
+            )
     return scores, predictions
 
 
@@ -423,12 +490,19 @@ def learning_curve(outcomes: pd.DataFrame, seed: int) -> pd.DataFrame:
                 regressor.fit(x[train], y[train])
                 fitted = perf_counter() - start
                 error = np.asarray(regressor.predict(x[test]), float) - y[test]
-                rows.append({
-                    "model": name, "repeat": repeat, "geometries": int(size),
-                    "outcomes": int(train.sum()), "n_test": int(test.sum()),
-                    "rmse_deg": np.sqrt(np.mean(error**2)), "mae_deg": np.mean(np.abs(error)),
-                    "fit_time_s": fitted, "simulation_time_s": cost[train].sum(),
-                })
+                rows.append(
+                    {
+                        "model": name,
+                        "repeat": repeat,
+                        "geometries": int(size),
+                        "outcomes": int(train.sum()),
+                        "n_test": int(test.sum()),
+                        "rmse_deg": np.sqrt(np.mean(error**2)),
+                        "mae_deg": np.mean(np.abs(error)),
+                        "fit_time_s": fitted,
+                        "simulation_time_s": cost[train].sum(),
+                    }
+                )
     return pd.DataFrame(rows)
 
 
@@ -438,7 +512,8 @@ def pooled(predictions: pd.DataFrame) -> dict[str, float | int | None]:
     observed = predictions["observed_deg"].to_numpy(float)
     spread = np.sum((observed - observed.mean()) ** 2)
     return {
-        "rmse_deg": float(np.sqrt(np.mean(error**2))), "mae_deg": float(np.mean(np.abs(error))),
+        "rmse_deg": float(np.sqrt(np.mean(error**2))),
+        "mae_deg": float(np.mean(np.abs(error))),
         "median_absolute_error_deg": float(np.median(np.abs(error))),
         "r2": float(1 - np.sum(error**2) / spread) if spread > 0 else None,
         "predictions": len(error),

@@ -29,8 +29,9 @@ def robustness(frame: pd.DataFrame) -> pd.DataFrame:
         raise DldsimError(f"Robustness: the table lacks {', '.join(missing)}.")
     data = frame.dropna(subset=[*GEOMETRY, ANGLE])
     if data.empty:
-        raise DldsimError("Robustness: no row has a migration angle. See the status of "
-                          "the outcomes.")
+        raise DldsimError(
+            "Robustness: no row has a migration angle. See the status of the outcomes."
+        )
     angles = data.pivot_table(index=GEOMETRY, columns="stiffness_set", values=ANGLE)
     modes = _modes(data)
     geometries = pd.DataFrame(angles.index.tolist(), columns=GEOMETRY)
@@ -41,14 +42,17 @@ def robustness(frame: pd.DataFrame) -> pd.DataFrame:
         differences = values[neighbours[i]] - values[i]
         differences = differences[~np.isnan(differences).all(axis=1)]
         steps = np.nanmean(differences, axis=1) if len(differences) else np.array([])
-        rows.append({
-            "pillar_radius_um": geometry.iloc[0], "gap_um": geometry.iloc[1],
-            "periodicity": int(geometry.iloc[2]),
-            "mean_migration_angle_deg": np.nanmean(values[i]),
-            "robustness_score_deg2": np.mean(steps**2) if steps.size else np.nan,
-            "neighbours": steps.size,
-            "modes": modes.get(tuple(geometry), ""),
-        })
+        rows.append(
+            {
+                "pillar_radius_um": geometry.iloc[0],
+                "gap_um": geometry.iloc[1],
+                "periodicity": int(geometry.iloc[2]),
+                "mean_migration_angle_deg": np.nanmean(values[i]),
+                "robustness_score_deg2": np.mean(steps**2) if steps.size else np.nan,
+                "neighbours": steps.size,
+                "modes": modes.get(tuple(geometry), ""),
+            }
+        )
     table = pd.DataFrame(rows)
     scores = table["robustness_score_deg2"].dropna().sort_values()
     kept = max(1, round(ROBUST_SHARE * len(scores)))
@@ -69,8 +73,14 @@ def most_frequent(table: pd.DataFrame) -> pd.DataFrame:
     for name in GEOMETRY:
         share = scored[name].value_counts(normalize=True)
         for value, count in robust[name].value_counts().items():
-            rows.append({"parameter": name, "value": value, "count": int(count),
-                         "expected": float(share[value] * len(robust))})
+            rows.append(
+                {
+                    "parameter": name,
+                    "value": value,
+                    "count": int(count),
+                    "expected": float(share[value] * len(robust)),
+                }
+            )
     return pd.DataFrame(rows, columns=["parameter", "value", "count", "expected"])
 
 

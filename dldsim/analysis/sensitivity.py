@@ -11,14 +11,7 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis.anova import share_of_bump, usable
-from dldsim.analysis.regressors import (
-    ANGLE,
-    CONDITIONS,
-    INPUTS,
-    angle_of,
-    learnable,
-    share_of,
-)
+from dldsim.analysis.regressors import ANGLE, CONDITIONS, INPUTS, angle_of, learnable, share_of
 from dldsim.analysis.robustness import axes_of
 from dldsim.analysis.surrogate import Surrogate, fit
 from dldsim.errors import DldsimError
@@ -31,8 +24,12 @@ SOBOL_POINTS = 1024
 BOOTSTRAP = 200
 CONFIDENCE = 0.95
 MAP_STEPS = 15
-PAIRS = (("periodicity", "gap_um"), ("periodicity", "pillar_radius_um"),
-         ("pillar_radius_um", "gap_um"), ("deformation_index", "gap_um"))
+PAIRS = (
+    ("periodicity", "gap_um"),
+    ("periodicity", "pillar_radius_um"),
+    ("pillar_radius_um", "gap_um"),
+    ("deformation_index", "gap_um"),
+)
 """Pairs of the maps; the first two are the source paper's."""
 DRAWS = 400
 MOVED_DEG = 0.5
@@ -55,8 +52,9 @@ def examine(
     return {
         "sobol": sobol(surrogate, outcomes, seed),
         "partial_dependence": partial_dependence(surrogate, outcomes),
-        "fabrication": fabrication(surrogate, outcomes, settings["radius_errors_um"], seed,
-                                   settings["moved_deg"]),
+        "fabrication": fabrication(
+            surrogate, outcomes, settings["radius_errors_um"], seed, settings["moved_deg"]
+        ),
     }
 
 
@@ -99,19 +97,25 @@ def sobol(surrogate: Surrogate, outcomes: pd.DataFrame, seed: int) -> pd.DataFra
     mixed = [np.where(np.arange(count)[:, None] == i, second, first) for i in range(count)]
     values = np.array([angle(unit) for unit in (first, second, *mixed)])
     if not factors or np.ptp(values) < 1e-9:
-        raise DldsimError("Sobol indices: the surrogate predicts the same angle everywhere; there "
-                          "is no variance to share out. Widen the sweep.")
+        raise DldsimError(
+            "Sobol indices: the surrogate predicts the same angle everywhere; there "
+            "is no variance to share out. Widen the sweep."
+        )
     values -= values[:2].mean()
     draws = np.random.default_rng(seed).integers(0, SOBOL_POINTS, (BOOTSTRAP, SOBOL_POINTS))
     sampled = np.array([_indices(values[:, rows]) for rows in draws])  # (draws, order, factor)
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(sampled, [tail, 1 - tail], axis=0)
     inside = surrogate.inside_domain(
-        *(values_of(first)[n] for n in [*GEOMETRY, DEFORMATION]), cell).mean()
+        *(values_of(first)[n] for n in [*GEOMETRY, DEFORMATION]), cell
+    ).mean()
     table = {"factor": [" & ".join(factor) for factor in factors]}
     for i, (name, value) in enumerate(zip(("first", "total"), _indices(values), strict=True)):
-        table |= {f"{name}_order": value, f"{name}_order_low": low[i],
-                  f"{name}_order_high": high[i]}
+        table |= {
+            f"{name}_order": value,
+            f"{name}_order_low": low[i],
+            f"{name}_order_high": high[i],
+        }
     return pd.DataFrame(table).assign(points=SOBOL_POINTS, inside_share=float(inside))
 
 
@@ -129,8 +133,10 @@ def _indices(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     a, b, mixed = values[0], values[1], values[2:]
     variance = values[:2].var()
-    return ((b * (mixed - a)).mean(axis=1) / variance,
-            ((a - mixed) ** 2).mean(axis=1) / (2 * variance))
+    return (
+        (b * (mixed - a)).mean(axis=1) / variance,
+        ((a - mixed) ** 2).mean(axis=1) / (2 * variance),
+    )
 
 
 def sobol_of_table(frame: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, list[str]]:
@@ -169,13 +175,17 @@ def sobol_of_table(frame: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, list[s
     same = [*INPUTS, *(name for name in CONDITIONS if name in data)]
     means = data.groupby(same, as_index=False, dropna=False).agg({ANGLE: "mean", "status": "first"})
     if len(means) < len(data):
-        notes.append(f"rows: {len(data)} rows are repeats of {len(means)}; the surrogate learns "
-                     "from their means")
+        notes.append(
+            f"rows: {len(data)} rows are repeats of {len(means)}; the surrogate learns "
+            "from their means"
+        )
     arrays = means[GEOMETRY].drop_duplicates()
     if len(arrays) > LEARNT:
         kept = arrays.sample(LEARNT, random_state=np.random.default_rng(seed))
-        notes.append(f"arrays: {len(arrays) - LEARNT} of {len(arrays)} left out: the surrogate "
-                     f"learns from {LEARNT}, drawn at random (seed {seed}) to bound the time")
+        notes.append(
+            f"arrays: {len(arrays) - LEARNT} of {len(arrays)} left out: the surrogate "
+            f"learns from {LEARNT}, drawn at random (seed {seed}) to bound the time"
+        )
         means = means.merge(kept, on=GEOMETRY)
     means["outcome_id"] = [f"row{i:06d}" for i in range(len(means))]
     return sobol(fit(means, seed), means, seed), notes
@@ -210,11 +220,19 @@ def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataF
         inside = surrogate.inside_domain(*at).reshape(len(first), -1)
         angle = surrogate.predict(*at).reshape(len(first), -1)
         share = share_of(angle, frame["periodicity"].to_numpy().reshape(angle.shape))
-        parts.append(pd.DataFrame({
-            "x_name": pair[0], "y_name": pair[1], "x": first, "y": second,
-            "angle_deg": _mean_where(angle, inside), "share": _mean_where(share, inside),
-            "inside_share": inside.mean(axis=1),
-        }))
+        parts.append(
+            pd.DataFrame(
+                {
+                    "x_name": pair[0],
+                    "y_name": pair[1],
+                    "x": first,
+                    "y": second,
+                    "angle_deg": _mean_where(angle, inside),
+                    "share": _mean_where(share, inside),
+                    "inside_share": inside.mean(axis=1),
+                }
+            )
+        )
     return pd.concat(parts, ignore_index=True)
 
 
@@ -230,7 +248,10 @@ def _mean_where(values: np.ndarray, good: np.ndarray) -> np.ndarray:
 
 
 def fabrication(
-    surrogate: Surrogate, outcomes: pd.DataFrame, errors_um: Sequence[float], seed: int,
+    surrogate: Surrogate,
+    outcomes: pd.DataFrame,
+    errors_um: Sequence[float],
+    seed: int,
     moved_deg: float = MOVED_DEG,
 ) -> pd.DataFrame:
     """What an error of the pillar radius does to every run's array, a table of kind `fabrication`.
@@ -257,16 +278,23 @@ def fabrication(
         angle, centre = angle_of(share, rows), angle_of(nominal[:, None], rows)
         quarter = slice(0, len(draw) // 8)
         inside = surrogate.inside_domain(
-            radius[:, quarter].ravel(), gap[:, quarter].ravel(),
+            radius[:, quarter].ravel(),
+            gap[:, quarter].ravel(),
             *(np.repeat(data[name].to_numpy(), len(draw) // 8) for name in INPUTS[2:]),
         ).reshape(len(data), -1)
-        parts.append(data[keys].assign(
-            radius_error_um=float(error), moved_limit_deg=float(moved_deg),
-            predicted_angle_deg=centre[:, 0],
-            predicted_mode=np.array(MODES)[modes_of(nominal)],
-            simulated_mode=data["mode"].to_numpy() if "mode" in data else "",
-            mode_change_probability=(modes_of(share) != modes_of(nominal)[:, None]).mean(axis=1),
-            moved_probability=(np.abs(angle - centre) > moved_deg).mean(axis=1),
-            angle_std_deg=angle.std(axis=1), inside_share=inside.mean(axis=1),
-        ))
+        parts.append(
+            data[keys].assign(
+                radius_error_um=float(error),
+                moved_limit_deg=float(moved_deg),
+                predicted_angle_deg=centre[:, 0],
+                predicted_mode=np.array(MODES)[modes_of(nominal)],
+                simulated_mode=data["mode"].to_numpy() if "mode" in data else "",
+                mode_change_probability=(modes_of(share) != modes_of(nominal)[:, None]).mean(
+                    axis=1
+                ),
+                moved_probability=(np.abs(angle - centre) > moved_deg).mean(axis=1),
+                angle_std_deg=angle.std(axis=1),
+                inside_share=inside.mean(axis=1),
+            )
+        )
     return pd.concat(parts, ignore_index=True)

@@ -109,7 +109,12 @@ class Surrogate:
         return angle_of(share, np.broadcast_to(np.atleast_1d(periodicity), share.shape))
 
     def predict_interval(
-        self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um,
+        self,
+        pillar_radius_um,
+        gap_um,
+        periodicity,
+        deformation_index,
+        cell_radius_um,
         level: float = LEVEL,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper angle [deg], (n,) each, that hold a new geometry's angle so often.
@@ -126,15 +131,21 @@ class Surrogate:
         least, largest = self.card["conformal"]["range"]
         reach = conformal_factor(self.card["conformal"]["scores"], level) * spread_of(share)
         reach = np.where(self.inside_domain(*at), reach, np.inf)
-        return (angle_of(np.clip(share - reach, least, largest), rows),
-                angle_of(np.clip(share + reach, least, largest), rows))
+        return (
+            angle_of(np.clip(share - reach, least, largest), rows),
+            angle_of(np.clip(share + reach, least, largest), rows),
+        )
 
     def inside_domain(
         self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um
     ) -> np.ndarray:
         """Whether the surrogate interpolates, (n,): by DI range and hull of the geometries."""
-        radius, gap, rows, index, cell = np.broadcast_arrays(*map(np.atleast_1d, (
-            pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)))
+        radius, gap, rows, index, cell = np.broadcast_arrays(
+            *map(
+                np.atleast_1d,
+                (pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um),
+            )
+        )
         low, high = self.deformation_index_range
         slack = DOMAIN_TOLERANCE * (high - low)
         inside = (index >= low - slack) & (index <= high + slack)
@@ -197,8 +208,10 @@ class Surrogate:
         if not shares:
             return None
         angles, rows = np.broadcast_arrays(np.atleast_1d(angle_deg), np.atleast_1d(periodicity))
-        share = [shares.get(mode_of(a, 1 / n), max(shares.values()))
-                 for a, n in zip(angles, rows, strict=True)]
+        share = [
+            shares.get(mode_of(a, 1 / n), max(shares.values()))
+            for a, n in zip(angles, rows, strict=True)
+        ]
         return np.array(share) * np.degrees(np.arctan(1 / rows))
 
     def may_be_inside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um) -> np.ndarray:
@@ -207,8 +220,13 @@ class Surrogate:
         By the ranges of the training geometries, and by the plane or line that they may lie in.
         """
         known = np.array(self.card["domain"]["geometries"])
-        points = np.column_stack([np.asarray(pillar_radius_um) / cell_radius_um,
-                                  np.asarray(gap_um) / cell_radius_um, periodicity])
+        points = np.column_stack(
+            [
+                np.asarray(pillar_radius_um) / cell_radius_um,
+                np.asarray(gap_um) / cell_radius_um,
+                periodicity,
+            ]
+        )
         span = np.ptp(known, axis=0)
         span[span < 1e-9 * np.abs(known).max(axis=0)] = 1e-6
         off = (points - known.mean(axis=0)) / span
@@ -219,10 +237,11 @@ class Surrogate:
         return (
             (off >= spread.min(axis=0) - DOMAIN_TOLERANCE - 1e-9)
             & (off <= spread.max(axis=0) + DOMAIN_TOLERANCE + 1e-9)
-        ).all(axis=1) & (np.abs(off @ flat.T) <= reach).all(axis=1)  # fmt: skip
+        ).all(axis=1) & (np.abs(off @ flat.T) <= reach).all(axis=1)
 
-    def distance_outside(self, pillar_radius_um: float, gap_um: float, periodicity: int,
-                         cell_radius_um: float) -> float:
+    def distance_outside(
+        self, pillar_radius_um: float, gap_um: float, periodicity: int, cell_radius_um: float
+    ) -> float:
         """How far a geometry lies outside the convex hull of the training geometries.
 
         In units of the training range of (P_r/R, P_g/R, N_p), largest component; 0 inside. The hull
@@ -246,7 +265,8 @@ class Surrogate:
             np.r_[np.zeros(len(known)), 1],
             A_ub=np.vstack([np.hstack([scaled, column]), np.hstack([-scaled, column])]),
             b_ub=np.zeros(2 * len(scaled)),
-            A_eq=np.r_[np.ones(len(known)), 0][None], b_eq=[1.0],
+            A_eq=np.r_[np.ones(len(known)), 0][None],
+            b_eq=[1.0],
         )
         return max(0.0, float(found.fun))
 
@@ -268,9 +288,15 @@ SHAPES = {"biconcave": "biconcave discs", "sphere": "spheres", "ellipsoid": "ell
 def holds_for(conditions: Mapping[str, Any]) -> str:
     """Conditions that outcomes were made under, of CONDITIONS, in words."""
     shape = SHAPES.get(conditions.get("cell_shape"), "cells of one shape")
-    known = [text for name, text in (
-        ("height_um", "channel height {:g} µm"), ("mean_velocity_mm_s", "mean velocity {:g} mm/s"),
-    ) if name in conditions for text in [text.format(conditions[name])]]  # fmt: skip
+    known = [
+        text
+        for name, text in (
+            ("height_um", "channel height {:g} µm"),
+            ("mean_velocity_mm_s", "mean velocity {:g} mm/s"),
+        )
+        if name in conditions
+        for text in [text.format(conditions[name])]
+    ]
     return ", ".join([f"{shape} of the radii named", *known])
 
 
@@ -295,10 +321,15 @@ def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
         predicted = share_of(held_out[test], rows[test])
         for level in LEVELS:
             reach = conformal_factor(known, level) * spread_of(predicted)
-            covered[level].append(pd.DataFrame({
-                "inside": np.abs(share[test] - predicted) <= reach, "geometry": groups[test],
-                "half_width": np.minimum(reach, 1) * np.degrees(np.arctan(1 / rows[test])),
-            }))
+            covered[level].append(
+                pd.DataFrame(
+                    {
+                        "inside": np.abs(share[test] - predicted) <= reach,
+                        "geometry": groups[test],
+                        "half_width": np.minimum(reach, 1) * np.degrees(np.arctan(1 / rows[test])),
+                    }
+                )
+            )
     chosen, _ = tune(prototype, grid, x, y, groups, seed)
     model = copy.deepcopy(chosen).fit(x, y)
     booster = model.booster
@@ -306,24 +337,37 @@ def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
     frame = pd.DataFrame({"observed_deg": y, "predicted_deg": held_out})
     scores = pooled(frame)
     rule = pooled(frame.assign(predicted_deg=CriticalDiameterRule().predict(x)))
-    ratios = np.column_stack([data["pillar_radius_um"] / data["cell_radius_um"],
-                              data["gap_um"] / data["cell_radius_um"], rows])
+    ratios = np.column_stack(
+        [
+            data["pillar_radius_um"] / data["cell_radius_um"],
+            data["gap_um"] / data["cell_radius_um"],
+            rows,
+        ]
+    )
     card = {
-        "kind": KIND, "response": "share of the bump displacement tan(migration angle) N_p",
-        "features": FEATURES, "seed": int(seed), "curve": model.curve.state(),
+        "kind": KIND,
+        "response": "share of the bump displacement tan(migration angle) N_p",
+        "features": FEATURES,
+        "seed": int(seed),
+        "curve": model.curve.state(),
         "settings": {"penalty": model.penalty, "trees": model.trees, "depth": model.depth},
         "data": {
-            "sha256": _data_hash(data), "outcomes": len(outcomes), "used": len(data),
-            "undecided": int(
-                (~data["status"].isin([*DECIDED, "measured"])).sum()),
+            "sha256": _data_hash(data),
+            "outcomes": len(outcomes),
+            "used": len(data),
+            "undecided": int((~data["status"].isin([*DECIDED, "measured"])).sum()),
             "geometries": int(data.groupby(GEOMETRY).ngroups),
             "conditions": {n: _plain(data[n].iloc[0]) for n in CONDITIONS if n in data},
         },
         "scores_by_geometry": scores,
         "baseline_by_geometry": {"model": BASELINE} | rule,
-        "target_by_geometry": TARGET | {"reached": bool(
-            (scores["r2"] or 0) >= TARGET["r2"]
-            and scores["median_absolute_error_deg"] <= TARGET["median_absolute_error_deg"])},
+        "target_by_geometry": TARGET
+        | {
+            "reached": bool(
+                (scores["r2"] or 0) >= TARGET["r2"]
+                and scores["median_absolute_error_deg"] <= TARGET["median_absolute_error_deg"]
+            )
+        },
         "conformal": {
             "scores": _scores(share_of(held_out, rows), share, groups),
             "range": [float(min(share.min(), 0)), float(max(share.max(), 1))],
@@ -331,12 +375,18 @@ def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
         },
         "numerical_uncertainty": _numerical_uncertainty(data),
         "domain": {
-            "ranges": {name: [float(c.min()), float(c.max())]
-                       for name, c in zip(FEATURES, x.T, strict=True)},
+            "ranges": {
+                name: [float(c.min()), float(c.max())]
+                for name, c in zip(FEATURES, x.T, strict=True)
+            },
             "geometries": np.unique(ratios, axis=0).tolist(),
         },
-        "versions": {"dldsim": __version__, "physics": PHYSICS_VERSION,
-                     "xgboost": xgboost.__version__, "numpy": np.__version__},
+        "versions": {
+            "dldsim": __version__,
+            "physics": PHYSICS_VERSION,
+            "xgboost": xgboost.__version__,
+            "numpy": np.__version__,
+        },
     }
     return Surrogate(_serial(booster), card)
 
@@ -347,10 +397,13 @@ def _coverage(level: float, found: pd.DataFrame) -> dict[str, float | int]:
     The error of the share is that of a mean over geometries.
     """
     by_geometry = found.groupby("geometry")["inside"].mean()
-    return {"level": level, "coverage": float(by_geometry.mean()),
-            "coverage_error": float(by_geometry.sem()) if len(by_geometry) > 1 else 1.0,
-            "geometries": len(by_geometry),
-            "mean_half_width_deg": float(found["half_width"].mean())}
+    return {
+        "level": level,
+        "coverage": float(by_geometry.mean()),
+        "coverage_error": float(by_geometry.sem()) if len(by_geometry) > 1 else 1.0,
+        "geometries": len(by_geometry),
+        "mean_half_width_deg": float(found["half_width"].mean()),
+    }
 
 
 def _numerical_uncertainty(data: pd.DataFrame) -> dict[str, Any]:
@@ -362,8 +415,11 @@ def _numerical_uncertainty(data: pd.DataFrame) -> dict[str, Any]:
     mode = [mode_of(a, 1 / n) for a, n in zip(known[ANGLE], known["periodicity"], strict=True)]
     square = (known["sigma_num_deg"] / np.degrees(np.arctan(1 / known["periodicity"]))) ** 2
     shares = np.sqrt(square.groupby(np.array(mode)).mean())
-    return {"share_by_mode": shares.to_dict(), "outcomes": len(known),
-            "basis": sorted(known["sigma_num_basis"].str.partition(":")[0].unique())}
+    return {
+        "share_by_mode": shares.to_dict(),
+        "outcomes": len(known),
+        "basis": sorted(known["sigma_num_basis"].str.partition(":")[0].unique()),
+    }
 
 
 def _serial(booster: "Booster") -> "Booster":

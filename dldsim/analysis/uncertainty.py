@@ -93,8 +93,10 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
     """
     made_with = {row["numerics"] for row, _ in pairs}
     if len(made_with) != 1:
-        raise DldsimError(f"σ_num: {len(pairs)} pairs with {len(made_with)} different numerics; "
-                          "allowed: pairs of one campaign, at least one. Check reference.pairs.")
+        raise DldsimError(
+            f"σ_num: {len(pairs)} pairs with {len(made_with)} different numerics; "
+            "allowed: pairs of one campaign, at least one. Check reference.pairs."
+        )
     distances: dict[str, list[float]] = {side: [] for side in SIDES}
     shares, ratios = [], []
     for row, reference in pairs:
@@ -125,9 +127,14 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
         "conditions": {key: rows[0][key] for key in CONDITIONS},
         "ranges": {key: [min(r[key] for r in rows), max(r[key] for r in rows)] for key in RANGES},
         "pairs": [row["outcome_id"] for row in rows],
-        "pairs_hash": settings_hash({"pairs": [
-            [row["migration_angle_deg"], ref["migration_angle_deg"]] for row, ref in pairs]}),
-    }  # fmt: skip
+        "pairs_hash": settings_hash(
+            {
+                "pairs": [
+                    [row["migration_angle_deg"], ref["migration_angle_deg"]] for row, ref in pairs
+                ]
+            }
+        ),
+    }
 
 
 def _bumps(row: Row) -> bool:
@@ -162,8 +169,10 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
     if model is None:
         return None, f"{NOT_STUDIED}: no reference is installed"
     if model["physics_version"] != PHYSICS_VERSION:
-        return None, (f"{NOT_STUDIED}: the study is of physics version "
-                      f"{model['physics_version']}, this is {PHYSICS_VERSION}")
+        return None, (
+            f"{NOT_STUDIED}: the study is of physics version "
+            f"{model['physics_version']}, this is {PHYSICS_VERSION}"
+        )
     if other := _differing(model["numerics"], json.loads(row["numerics"])):
         return None, f"{NOT_STUDIED}: {', '.join(other)}"
     studied, share = model["distance"][_side(row)], model["share"]["value"]
@@ -174,19 +183,25 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
     if distance is None:
         chance, step, why = 0.5, bump, f"{SPANS}, its distance from the transition is unknown"
     elif distance > 0 and not _bumps(row) or distance < 0 and _bumps(row):
-        chance, step, why = 0.5, bump, (f"{SPANS}, mode {row['mode']} contradicts the transition "
-                                        f"distance {distance:.2g}")
+        chance, step, why = (
+            0.5,
+            bump,
+            (f"{SPANS}, mode {row['mode']} contradicts the transition distance {distance:.2g}"),
+        )
     else:
         chance = mode_probability(distance, sigma_distance)
         angle = row["migration_angle_deg"]
         step = angle if _bumps(row) else bump - angle
         open_mode = f"{SPANS}, " if chance >= OPEN_FROM else ""
-        why = (f"{open_mode}{abs(distance) / sigma_distance:.1f} σ from the transition, "
-               f"{studied['pairs']} studied pairs with {_side(row)}")
+        why = (
+            f"{open_mode}{abs(distance) / sigma_distance:.1f} σ from the transition, "
+            f"{studied['pairs']} studied pairs with {_side(row)}"
+        )
     sigma = math.sqrt(interval**2 + (share * bump) ** 2 + step_variance(chance) * step**2)
     beyond = _differing(model["conditions"], row) + [
         f"{key} = {row[key]:g} (studied {low:g} to {high:g})"
-        for key, (low, high) in model["ranges"].items() if not low <= row[key] <= high
+        for key, (low, high) in model["ranges"].items()
+        if not low <= row[key] <= high
     ]
     if beyond:
         return sigma, f"{EXTRAPOLATED}: {', '.join(beyond)}; {why}"
@@ -194,8 +209,11 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
 
 
 def _differing(studied: Mapping, found: Mapping) -> list[str]:
-    return [f"{key} = {found.get(key)} (studied {value})" for key, value in studied.items()
-            if found.get(key) != value]
+    return [
+        f"{key} = {found.get(key)} (studied {value})"
+        for key, value in studied.items()
+        if found.get(key) != value
+    ]
 
 
 def with_uncertainty(outcomes, model: Mapping[str, Any] | None):
@@ -226,15 +244,25 @@ def check_row(row: Row, reference: Row, model: Mapping[str, Any] | None) -> dict
         **{f"reference_{key}": reference[key] for key in ("mode", "status", "spacing_um")},
         "reference_angle_deg": reference["migration_angle_deg"],
         "reference_distance": reference["transition_distance"],
-        "error_deg": error, "sigma_num_deg": sigma, "sigma_num_basis": basis,
-        "error_over_sigma": ratio, "verdict": verdict(ratio, ("agrees", "disagrees"), basis),
-    }  # fmt: skip
+        "error_deg": error,
+        "sigma_num_deg": sigma,
+        "sigma_num_basis": basis,
+        "error_over_sigma": ratio,
+        "verdict": verdict(ratio, ("agrees", "disagrees"), basis),
+    }
 
 
 COPIED = (
-    "outcome_id", *RANGES, "stiffness_set", "mode", "status", "bump_angle_deg",
-    "migration_angle_deg", "transition_distance", "spacing_um",
-)  # fmt: skip
+    "outcome_id",
+    *RANGES,
+    "stiffness_set",
+    "mode",
+    "status",
+    "bump_angle_deg",
+    "migration_angle_deg",
+    "transition_distance",
+    "spacing_um",
+)
 
 
 def verdict(ratio: float | None, words: tuple[str, str], basis: str) -> str:
@@ -249,6 +277,7 @@ def cross_validated(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
 
     Raises DldsimError for pairs of one array only.
     """
+
     def array(pair: Pair) -> tuple:
         return tuple(pair[0][key] for key in RANGES)
 
@@ -263,19 +292,27 @@ def coverage(rows: Iterable[Row]) -> dict[str, Any]:
     """How many errors are within one and two σ_num, and whether those suffice."""
     ratios = [r["error_over_sigma"] for r in rows if r["error_over_sigma"] is not None]
     within = sum(r <= BEYOND for r in ratios)
-    return {"pairs": len(ratios), "within_1_sigma": sum(r <= 1 for r in ratios),
-            "within_2_sigma": within,
-            "holds": bool(ratios) and within >= COVERAGE_MARK * len(ratios)}
+    return {
+        "pairs": len(ratios),
+        "within_1_sigma": sum(r <= 1 for r in ratios),
+        "within_2_sigma": within,
+        "holds": bool(ratios) and within >= COVERAGE_MARK * len(ratios),
+    }
 
 
 def closing_sentence(rows: Sequence[Row]) -> str:
     """Who disagrees with the reference by how many σ_num."""
     seen = coverage(rows)
-    apart = [f"{r['outcome_id']} ({r['error_over_sigma']:.1f} σ_num, {r['error_deg']:+.2f}°)"
-             for r in rows if r["error_over_sigma"] is not None and r["error_over_sigma"] > BEYOND]
+    apart = [
+        f"{r['outcome_id']} ({r['error_over_sigma']:.1f} σ_num, {r['error_deg']:+.2f}°)"
+        for r in rows
+        if r["error_over_sigma"] is not None and r["error_over_sigma"] > BEYOND
+    ]
     untold = len(rows) - seen["pairs"]
-    sentence = (f"{seen['within_2_sigma']} of {seen['pairs']} pairs are within {BEYOND:g} σ_num of "
-                f"the reference; {COVERAGE_MARK:.0%} must be.")
+    sentence = (
+        f"{seen['within_2_sigma']} of {seen['pairs']} pairs are within {BEYOND:g} σ_num of "
+        f"the reference; {COVERAGE_MARK:.0%} must be."
+    )
     if apart:
         sentence += f" Apart: {', '.join(apart)}."
     return sentence + (f" Of {untold} it cannot be told." if untold else "")

@@ -53,11 +53,20 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="python -m dldsim",
         description="Deformable cells in deterministic lateral displacement arrays. A whole "
-                    "campaign is run by: snakemake -j2 all",
+        "campaign is run by: snakemake -j2 all",
     )
     parser.add_argument("--version", action="version", version=f"dldsim {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (add_run, add_flow, add_constrict, add_anova, add_stiffness,
-                add_design, add_validate, add_serve, add_info):
+    for add in (
+        add_run,
+        add_flow,
+        add_constrict,
+        add_anova,
+        add_stiffness,
+        add_design,
+        add_validate,
+        add_serve,
+        add_info,
+    ):
         add(commands)
     return parser

@@ -24,9 +24,7 @@ from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.parquet import write_csv, write_table
 
-SEARCH = (
-    "designs", "design_trials", "design_tolerances", "design_importance", "design_slices",
-)  # fmt: skip
+SEARCH = ("designs", "design_trials", "design_tolerances", "design_importance", "design_slices")
 """Kinds of tables of a search, in the order of `Found`."""
 
 
@@ -38,22 +36,28 @@ def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | Non
         keys = [f"stiffness_set_{i}" for i in "12" if getattr(request, f"stiffness_set_{i}")]
         if calibration is None:
             raise DldsimError(
-                f"design request {request.name}: stiffness sets need a calibration.", key=keys,
-                value=names, allowed="deformation_index_1 and deformation_index_2",
+                f"design request {request.name}: stiffness sets need a calibration.",
+                key=keys,
+                value=names,
+                allowed="deformation_index_1 and deformation_index_2",
                 remedy="Name the cell types by these, or add the table calibration.",
-            )  # fmt: skip
+            )
         known = sorted({str(n) for n in calibration["stiffness_set"].dropna() if n})
         for key in keys:
             if (name := getattr(request, key)) not in known:
                 raise DldsimError(
                     f"{key}: no constriction group calibrates stiffness set {name} (calibrated: "
-                    f"{', '.join(known) or 'none'}).", key=key, value=name,
-                    allowed=", ".join(known), remedy="Name a calibrated one, or add a group with "
+                    f"{', '.join(known) or 'none'}).",
+                    key=key,
+                    value=name,
+                    allowed=", ".join(known),
+                    remedy="Name a calibrated one, or add a group with "
                     "that stiffness_set to constriction_groups.",
-                )  # fmt: skip
+                )
         joined = join_deformation_index(pd.DataFrame({"stiffness_set": names}), calibration)
         for name, mean, std in joined[
-            ["stiffness_set", "deformation_index", "deformation_index_std"]].to_numpy():
+            ["stiffness_set", "deformation_index", "deformation_index_std"]
+        ].to_numpy():
             index |= {} if np.isnan(mean) else {name: float(mean)}
             spread[name] = 0.0 if np.isnan(std) else float(std)
     return request.with_deformation_indices(index, spread)
@@ -61,13 +65,24 @@ def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | Non
 
 def scene_of(settings: Mapping) -> Scene:
     """The campaign's cell, flow, numerics and run control."""
-    return Scene(CellShape(**settings["cell"]), Flow(**settings["flow"]),
-                 Numerics(**settings["numerics"]), RunControl(**settings["run_control"]))
+    return Scene(
+        CellShape(**settings["cell"]),
+        Flow(**settings["flow"]),
+        Numerics(**settings["numerics"]),
+        RunControl(**settings["run_control"]),
+    )
 
 
 def verify_request(
-    request: DesignRequest, settings: Mapping, chip: Chip, model: surrogate.Surrogate,
-    tables: Mapping[str, pd.DataFrame], *, work: Path, files: Path, progress: Progress | None,
+    request: DesignRequest,
+    settings: Mapping,
+    chip: Chip,
+    model: surrogate.Surrogate,
+    tables: Mapping[str, pd.DataFrame],
+    *,
+    work: Path,
+    files: Path,
+    progress: Progress | None,
 ) -> Verdicts:
     """Verify the designs of one request by simulation and write their files.
 
@@ -83,13 +98,28 @@ def verify_request(
     budget = Verification(**settings["verification"])
     simulator = Simulator(work, scene, progress)
     verdicts = verify(
-        model, tables["outcomes"], resolved, chip, budget, populations, simulator,
+        model,
+        tables["outcomes"],
+        resolved,
+        chip,
+        budget,
+        populations,
+        simulator,
         derive_seed(settings["seed"], f"verify/{request.name}"),
-        resistance=simulator.resistance, progress=progress,
-    )  # fmt: skip
+        resistance=simulator.resistance,
+        progress=progress,
+    )
     Path(files).mkdir(parents=True, exist_ok=True)
-    export(verdicts, resolved, chip, simulator, budget.exports, files,
-           provenance(settings, settings["seed"]), model.card)
+    export(
+        verdicts,
+        resolved,
+        chip,
+        simulator,
+        budget.exports,
+        files,
+        provenance(settings, settings["seed"]),
+        model.card,
+    )
     return verdicts
 
 
@@ -108,7 +138,10 @@ class Made(NamedTuple):
 
 
 def make_designs(
-    request: DesignRequest, known: Campaign, seed: int, budget: Verification,
+    request: DesignRequest,
+    known: Campaign,
+    seed: int,
+    budget: Verification,
     each: Each | None = None,
 ) -> Made:
     """Search for one request; ``budget`` is that of a verification later, ``each`` as in `search`.
@@ -116,10 +149,13 @@ def make_designs(
     Raises DldsimError as `search` does.
     """
     resolved = by_deformation_index(request, known.tables.get("calibration"))
-    found = search(known.model, resolved, known.chip,
-                   derive_seed(seed, f"design/{request.name}"), each)
+    found = search(
+        known.model, resolved, known.chip, derive_seed(seed, f"design/{request.name}"), each
+    )
     settings = {
-        **known.settings, "seed": seed, "verification": budget.model_dump(),
+        **known.settings,
+        "seed": seed,
+        "verification": budget.model_dump(),
         "design_requests": [request.model_dump()],
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry", "versions")},
         "holds_for": known.model.holds_for,
@@ -140,9 +176,16 @@ def write_designs(
     written = write_tables(made.found, verdicts, directory, made.about)
     for _, design in made.found.designs.iterrows():
         name = f"{made.request.name}-candidate-{design['design']}"
-        files = export_design(name, design.to_dict(), made.resolved, known.chip.device,
-                              directory / "files", about=made.about, card=known.model.card,
-                              picture=design["design"] == 1)
+        files = export_design(
+            name,
+            design.to_dict(),
+            made.resolved,
+            known.chip.device,
+            directory / "files",
+            about=made.about,
+            card=known.model.card,
+            picture=design["design"] == 1,
+        )
         written += files.values()
     from dldsim.report.design_page import write_report
 
@@ -150,13 +193,16 @@ def write_designs(
     return [*written, directory / "report.html"]
 
 
-def write_tables(found: Found, verdicts: Verdicts | None, directory: Path, about: Mapping[str, Any]
-                 ) -> list[Path]:
+def write_tables(
+    found: Found, verdicts: Verdicts | None, directory: Path, about: Mapping[str, Any]
+) -> list[Path]:
     """Tables of a search, and of its verification, with CSV twins; returns the Parquet files."""
     tables = dict(zip(SEARCH, found, strict=True))
     if verdicts is not None:
-        tables |= {"verifications": plain(verdicts.verifications),
-                   "verified_designs": plain(verdicts.designs)}
+        tables |= {
+            "verifications": plain(verdicts.verifications),
+            "verified_designs": plain(verdicts.designs),
+        }
     paths = []
     for kind, table in tables.items():
         path = Path(directory) / f"{kind}.parquet"

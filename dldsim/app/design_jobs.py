@@ -31,12 +31,17 @@ class Inputs(NamedTuple):
 
 def _inputs(settings: Mapping, model: Path, card: Path, calibration: Path, flows: Path) -> Inputs:
     chip = make_chip(settings, read_table("flows", flows))
-    return Inputs([DesignRequest(**r) for r in settings["design_requests"]], chip,
-                  surrogate.load(model, card), read_table("calibration", calibration))
+    return Inputs(
+        [DesignRequest(**r) for r in settings["design_requests"]],
+        chip,
+        surrogate.load(model, card),
+        read_table("calibration", calibration),
+    )
 
 
-def each_request(inputs: Inputs, answer: Callable[[DesignRequest, DesignRequest], Any]
-                 ) -> tuple[list[Any], list[dict[str, str]]]:
+def each_request(
+    inputs: Inputs, answer: Callable[[DesignRequest, DesignRequest], Any]
+) -> tuple[list[Any], list[dict[str, str]]]:
     """What ``answer`` says to every request, and a row of `design_requests` for each.
 
     It is called with the request as asked and by deformation indices. A request that cannot be
@@ -58,12 +63,20 @@ def design_job(
 ) -> None:
     """Search for all requests; the tables of SEARCH and `design_requests`, with CSV twins."""
     inputs = _inputs(settings, **paths)
-    found, requests = each_request(inputs, lambda asked, resolved: search(
-        inputs.model, resolved, inputs.chip,
-        derive_seed(settings["seed"], f"design/{asked.name}")))
+    found, requests = each_request(
+        inputs,
+        lambda asked, resolved: search(
+            inputs.model,
+            resolved,
+            inputs.chip,
+            derive_seed(settings["seed"], f"design/{asked.name}"),
+        ),
+    )
     kinds = zip(*found, strict=True) if found else map(lambda kind: [_empty(kind)], SEARCH)
-    content = {kind: pd.concat(map(pd.DataFrame, parts), ignore_index=True)
-               for kind, parts in zip(SEARCH, kinds, strict=True)}
+    content = {
+        kind: pd.concat(map(pd.DataFrame, parts), ignore_index=True)
+        for kind, parts in zip(SEARCH, kinds, strict=True)
+    }
     content["design_requests"] = requests or _empty("design_requests")
     for kind, table in content.items():
         write_table(kind, table, tables[kind], provenance(settings, settings["seed"]))
@@ -80,9 +93,15 @@ def _tell(requests: Iterable[Mapping], progress: Progress) -> None:
 def regret_job(settings: Mapping, *, table: Path, progress: Progress, **paths: Path) -> None:
     """Regret of TPE, random and exhaustive search on the surrogate, with a CSV twin."""
     inputs = _inputs(settings, **paths)
-    found, requests = each_request(inputs, lambda asked, resolved: regret(
-        inputs.model, resolved, inputs.chip,
-        derive_seed(settings["seed"], f"regret/{asked.name}")))
+    found, requests = each_request(
+        inputs,
+        lambda asked, resolved: regret(
+            inputs.model,
+            resolved,
+            inputs.chip,
+            derive_seed(settings["seed"], f"regret/{asked.name}"),
+        ),
+    )
     _tell(requests, progress)
     kind = "search_regret"
     rows = pd.concat(found, ignore_index=True) if found else _empty(kind)
@@ -91,8 +110,18 @@ def regret_job(settings: Mapping, *, table: Path, progress: Progress, **paths: P
 
 
 def verify_job(
-    name: str, settings: Mapping, *, outcomes: Path, verifications: Path, designs: Path,
-    added: Path, requests: Path, files: Path, work: Path, progress: Progress, **paths: Path,
+    name: str,
+    settings: Mapping,
+    *,
+    outcomes: Path,
+    verifications: Path,
+    designs: Path,
+    added: Path,
+    requests: Path,
+    files: Path,
+    work: Path,
+    progress: Progress,
+    **paths: Path,
 ) -> None:
     """Verification of one request: rows of `verifications`, `verified_designs` and `outcomes`.
 
@@ -102,9 +131,19 @@ def verify_job(
     inputs = inputs._replace(requests=[r for r in inputs.requests if r.name == name])
     tables = {"outcomes": read_table("outcomes", outcomes), "calibration": inputs.calibration}
     Path(files).mkdir(parents=True, exist_ok=True)
-    found, told = each_request(inputs, lambda asked, resolved: verify_request(
-        asked, settings, inputs.chip, inputs.model, tables, work=work, files=files,
-        progress=progress))
+    found, told = each_request(
+        inputs,
+        lambda asked, resolved: verify_request(
+            asked,
+            settings,
+            inputs.chip,
+            inputs.model,
+            tables,
+            work=work,
+            files=files,
+            progress=progress,
+        ),
+    )
     _tell(told, progress)
     about = provenance(settings, settings["seed"])
     content: dict[str, list[dict]] = {"verifications": [], "verified_designs": [], "outcomes": []}
@@ -117,15 +156,23 @@ def verify_job(
     for kind, table, path in (
         ("verifications", content["verifications"], verifications),
         ("verified_designs", content["verified_designs"], designs),
-        ("outcomes", content["outcomes"], added), ("verified_requests", told, requests),
-    ):  # fmt: skip
+        ("outcomes", content["outcomes"], added),
+        ("verified_requests", told, requests),
+    ):
         write_table(kind, table or _empty(kind), path, about)
 
 
 def gather_verified(
-    settings: Mapping, *, verifications: Iterable[Path], designs: Iterable[Path],
-    added: Iterable[Path], requests: Iterable[Path], outcomes: Path, tables: Mapping[str, Path],
-    model: Path, card: Path,
+    settings: Mapping,
+    *,
+    verifications: Iterable[Path],
+    designs: Iterable[Path],
+    added: Iterable[Path],
+    requests: Iterable[Path],
+    outcomes: Path,
+    tables: Mapping[str, Path],
+    model: Path,
+    card: Path,
 ) -> None:
     """Tables of all requests, and the surrogate refitted to all outcomes, the verifying ones too.
 
@@ -136,8 +183,9 @@ def gather_verified(
     for kind, table in (
         ("verifications", read_many("verifications", verifications)),
         ("verified_designs", read_many("verified_designs", designs)),
-        ("verified_requests", read_many("verified_requests", requests)), ("outcomes", learnt),
-    ):  # fmt: skip
+        ("verified_requests", read_many("verified_requests", requests)),
+        ("outcomes", learnt),
+    ):
         write_table(kind, table, tables[kind], about)
         write_csv(kind, tables[kind])
     seed = derive_seed(settings["seed"], "surrogate")

@@ -33,8 +33,9 @@ def difference(path: Path, settings: Mapping[str, Any]) -> str | None:
     now = flattened(json.loads(json.dumps(settings, default=str)))
     absent = object()
     differing = [key for key in {**then, **now} if then.get(key, absent) != now.get(key, absent)]
-    parts = [f"{key} = {_short(then.get(key))}, now {_short(now.get(key))}"
-             for key in differing[:SHOWN]]
+    parts = [
+        f"{key} = {_short(then.get(key))}, now {_short(now.get(key))}" for key in differing[:SHOWN]
+    ]
     if len(differing) > SHOWN:
         parts.append(f"{len(differing) - SHOWN} more")
     return "; ".join(parts) or "settings under other names"

@@ -102,8 +102,9 @@ def _writer(log: TextIO) -> Progress:
     return progress
 
 
-def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crashes: Path,
-             progress: Progress) -> None:
+def flow_job(
+    identifier: str, settings: Mapping, *, flow: Path, row: Path, crashes: Path, progress: Progress
+) -> None:
     """Empty-array flow of one geometry: `flow` (.npz) and its row of `flows`."""
     geometry = identifiers.parse_geometry(identifier)
 
@@ -130,14 +131,27 @@ def flow_job(identifier: str, settings: Mapping, *, flow: Path, row: Path, crash
     _attempt(identifier, simulate, give_up, crashes, progress)
 
 
-def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Path,
-                files: OutcomeFiles, partial: Path, crashes: Path, progress: Progress) -> None:
-    """One outcome of the campaign: as many releases as it takes; finished ones wait in `partial`.
-    """
+def outcome_job(
+    identifier: str,
+    settings: Mapping,
+    *,
+    flow: Path,
+    flow_row: Path,
+    files: OutcomeFiles,
+    partial: Path,
+    crashes: Path,
+    progress: Progress,
+) -> None:
+    """One outcome: as many releases as it takes; finished ones wait in `partial`."""
     pair = identifiers.parse_outcome(identifier)
     control = RunControl(**settings["run_control"])
-    sections = (pair.geometry, Stiffness(**settings["stiffness"]), CellShape(**settings["cell"]),
-                Flow(**settings["flow"]), Numerics(**settings["numerics"]))
+    sections = (
+        pair.geometry,
+        Stiffness(**settings["stiffness"]),
+        CellShape(**settings["cell"]),
+        Flow(**settings["flow"]),
+        Numerics(**settings["numerics"]),
+    )
     kept = Partial(partial, identifier, settings)
 
     def simulate() -> None:
@@ -148,10 +162,15 @@ def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Pat
         from dldsim.solver.flow import EmptyFlow
 
         result = simulate_outcome(
-            *sections, control, outcome_id=identifier, stiffness_set=pair.stiffness_set,
-            empty_flow=EmptyFlow.load(flow), keep=kept.keep, progress=progress,
+            *sections,
+            control,
+            outcome_id=identifier,
+            stiffness_set=pair.stiffness_set,
+            empty_flow=EmptyFlow.load(flow),
+            keep=kept.keep,
+            progress=progress,
             finished=kept.finished(control.release_gap_fractions),
-        )  # fmt: skip
+        )
         write_outcome(result, files, settings)
         kept.remove()
 
@@ -161,8 +180,13 @@ def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Pat
         geometry, stiffness, *rest = sections
         known = known_of(identifier, geometry, stiffness, pair.stiffness_set, *rest)
         done = kept.finished(control.release_gap_fractions).values()
-        known |= {"mode": "none", "sigma_num_basis": "no angle", "left_out": "",
-                  "releases": len(done), "rows_total": sum(r.row["rows_completed"] for r in done)}
+        known |= {
+            "mode": "none",
+            "sigma_num_basis": "no angle",
+            "left_out": "",
+            "releases": len(done),
+            "rows_total": sum(r.row["rows_completed"] for r in done),
+        }
         about = provenance(settings)
         write_table("trajectory", _empty("trajectory"), files.trajectory, about)
         write_table("runs", [r.row for r in done] or _empty("runs"), files.runs, about)
@@ -171,8 +195,9 @@ def outcome_job(identifier: str, settings: Mapping, *, flow: Path, flow_row: Pat
     _attempt(identifier, simulate, give_up, crashes, progress)
 
 
-def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path,
-                 progress: Progress) -> None:
+def accuracy_job(
+    identifier: str, settings: Mapping, *, row: Path, crashes: Path, progress: Progress
+) -> None:
     """One run of the accuracy study: its row of `runs` or `constriction_runs`."""
     variant = accuracy.parse_variant(identifier)
     kind = accuracy.kind_of(variant)
@@ -184,18 +209,29 @@ def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path
             from dldsim.experiments.array_run import simulate_run
 
             result = simulate_run(
-                Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]), cell, flow,
-                numerics, RunControl(**settings["run_control"]), run_id=identifier,
-                outcome_id=variant.run, stiffness_set=settings["stiffness_set"],
+                Geometry(**settings["geometry"]),
+                Stiffness(**settings["stiffness"]),
+                cell,
+                flow,
+                numerics,
+                RunControl(**settings["run_control"]),
+                run_id=identifier,
+                outcome_id=variant.run,
+                stiffness_set=settings["stiffness_set"],
                 progress=progress,
-            ).row  # fmt: skip
+            ).row
         else:
             from dldsim.experiments.constriction import simulate_constriction
 
             result = simulate_constriction(
-                variant.run, ConstrictionGroup(**settings["group"]),
-                Constriction(**settings["constriction"]), cell, flow, numerics,
-                release_position_um=settings["release_position_um"], run_id=identifier,
+                variant.run,
+                ConstrictionGroup(**settings["group"]),
+                Constriction(**settings["constriction"]),
+                cell,
+                flow,
+                numerics,
+                release_position_um=settings["release_position_um"],
+                run_id=identifier,
                 progress=progress,
             ).row
         write_table(kind, [result], row, provenance(settings))
@@ -210,8 +246,7 @@ def accuracy_job(identifier: str, settings: Mapping, *, row: Path, crashes: Path
     _attempt(identifier, simulate, give_up, crashes, progress)
 
 
-def gather_accuracy(rows: Iterable[tuple[str, Path]], settings: Mapping, *, table: Path
-                    ) -> None:
+def gather_accuracy(rows: Iterable[tuple[str, Path]], settings: Mapping, *, table: Path) -> None:
     """Table of the accuracy study from its runs (variant, file of its row)."""
     found = []
     for identifier, path in rows:
@@ -228,18 +263,35 @@ def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
 
     cell = Cell(**settings["cell"])
     known = known_of(
-        outcome, Geometry(**settings["geometry"]), Stiffness(**settings["stiffness"]),
-        settings["stiffness_set"], cell, Flow(**settings["flow"]), Numerics(**settings["numerics"]),
-    )  # fmt: skip
+        outcome,
+        Geometry(**settings["geometry"]),
+        Stiffness(**settings["stiffness"]),
+        settings["stiffness_set"],
+        cell,
+        Flow(**settings["flow"]),
+        Numerics(**settings["numerics"]),
+    )
     return known | {
-        "run_id": identifier, "release_gap_fraction": cell.release_gap_fraction, "mode": "none",
-        "rows_completed": 0, "orbit_rows": 0, "lateral_steps_um": [], "left_out": "",
+        "run_id": identifier,
+        "release_gap_fraction": cell.release_gap_fraction,
+        "mode": "none",
+        "rows_completed": 0,
+        "orbit_rows": 0,
+        "lateral_steps_um": [],
+        "left_out": "",
         "details": "{}",
-    }  # fmt: skip
+    }
 
 
-def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajectory: Path,
-                     crashes: Path, progress: Progress) -> None:
+def constriction_job(
+    identifier: str,
+    settings: Mapping,
+    *,
+    row: Path,
+    trajectory: Path,
+    crashes: Path,
+    progress: Progress,
+) -> None:
     """One constriction run: `row` of `constriction_runs`, and its `trajectory`."""
     name, _, design = identifiers.parse_constriction(identifier)
     group = ConstrictionGroup(**settings["group"])
@@ -250,18 +302,28 @@ def constriction_job(identifier: str, settings: Mapping, *, row: Path, trajector
         from dldsim.experiments.constriction import simulate_constriction
 
         result = simulate_constriction(
-            name, group, channel, Cell(**settings["cell"]), Flow(**settings["flow"]),
-            Numerics(**settings["numerics"]), release_position_um=release, run_id=identifier,
+            name,
+            group,
+            channel,
+            Cell(**settings["cell"]),
+            Flow(**settings["flow"]),
+            Numerics(**settings["numerics"]),
+            release_position_um=release,
+            run_id=identifier,
             progress=progress,
-        )  # fmt: skip
+        )
         result.row["design"] = design
         write_constriction(result, row, trajectory, settings)
 
     def give_up(reason: str) -> None:
         known = _known_of_constriction(identifier, name, settings) | {"design": design}
         kind = "constriction_runs"
-        write_table("constriction_trajectory", _empty("constriction_trajectory"), trajectory,
-                    provenance(settings))
+        write_table(
+            "constriction_trajectory",
+            _empty("constriction_trajectory"),
+            trajectory,
+            provenance(settings),
+        )
         write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
 
     _attempt(identifier, simulate, give_up, crashes, progress)
@@ -281,8 +343,9 @@ def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dic
     }
 
 
-def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
-                   progress: Progress) -> None:
+def validation_job(
+    case: str, settings: Mapping, *, table: Path, crashes: Path, progress: Progress
+) -> None:
     """Run one validation case and write its rows; a case that raises is counted as a crash."""
     from dldsim.evidence.validation import BROKEN, run_case
 
@@ -293,8 +356,13 @@ def validation_job(case: str, settings: Mapping, *, table: Path, crashes: Path,
     write_table("validation", rows, table, provenance(settings))
 
 
-def _attempt(identifier: str, simulate: Callable[[], None], give_up: Callable[[str], None],
-             crashes: Path, progress: Progress) -> None:
+def _attempt(
+    identifier: str,
+    simulate: Callable[[], None],
+    give_up: Callable[[str], None],
+    crashes: Path,
+    progress: Progress,
+) -> None:
     """Simulate; log and count a failure that is none of the program, and write what stands for the
     result. Anything else is a bug, which ends the job with its traceback."""
     try:

@@ -27,17 +27,25 @@ Simulator = Callable[[str, Geometry, str, Mapping[str, Any]], Row]
 
 def simulator(partial: Path, progress: Progress) -> Simulator:
     """A Simulator that keeps finished releases under ``partial`` while it is at work."""
+
     def simulate(identifier, geometry, stiffness_set, settings):
         from dldsim.experiments.array_run import simulate_outcome
 
         control = RunControl(**settings["run_control"])
         kept = Partial(Path(partial) / identifier, identifier, settings)
         result = simulate_outcome(
-            geometry, Stiffness(**settings["stiffness"]), CellShape(**settings["cell"]),
-            Flow(**settings["flow"]), Numerics(**settings["numerics"]), control,
-            outcome_id=identifier, stiffness_set=stiffness_set, keep=kept.keep,
-            finished=kept.finished(control.release_gap_fractions), progress=progress,
-        )  # fmt: skip
+            geometry,
+            Stiffness(**settings["stiffness"]),
+            CellShape(**settings["cell"]),
+            Flow(**settings["flow"]),
+            Numerics(**settings["numerics"]),
+            control,
+            outcome_id=identifier,
+            stiffness_set=stiffness_set,
+            keep=kept.keep,
+            finished=kept.finished(control.release_gap_fractions),
+            progress=progress,
+        )
         kept.remove()
         return {**NOT_JOINED, **result.row}
 
@@ -51,8 +59,15 @@ def outcome_job(identifier: str, settings: Mapping, *, row: Path, simulate: Simu
     write_table("outcomes", [found], row, provenance(settings))
 
 
-def point_job(identifier: str, settings: Mapping, *, before: Path | None, start: Path | None,
-              table: Path, simulate: Simulator) -> None:
+def point_job(
+    identifier: str,
+    settings: Mapping,
+    *,
+    before: Path | None,
+    start: Path | None,
+    table: Path,
+    simulate: Simulator,
+) -> None:
     """The next point of a search: `critical_gap_points` so far in, one more out.
 
     ``before``: points so far, None for the first. ``start``: points of the search at the campaign's
@@ -65,28 +80,38 @@ def point_job(identifier: str, settings: Mapping, *, before: Path | None, start:
         return simulate(name, geometry, search.stiffness_set, {**settings, "numerics": numerics})
 
     points = reference_study.advance(
-        search, read_rows("critical_gap_points", before) if before else [], settings,
+        search,
+        read_rows("critical_gap_points", before) if before else [],
+        settings,
         simulate_array,
         reference_study.start_from(read_rows("critical_gap_points", start)) if start else None,
     )
     write_table("critical_gap_points", points, table, provenance(settings))
 
 
-def gather_gaps(searches: Iterable[tuple[str, Path]], settings: Mapping, *, gaps: Path,
-                convergence: Path) -> None:
+def gather_gaps(
+    searches: Iterable[tuple[str, Path]], settings: Mapping, *, gaps: Path, convergence: Path
+) -> None:
     """`critical_gaps` and `convergence` from searches (identifier, file of their last point)."""
     config, rows = sections_from(settings), []
     for identifier, path in searches:
         search = reference_study.parse_search(identifier)
         points = read_rows("critical_gap_points", path)
-        rows.append(reference_study.result(
-            search, points, reference_study.search_settings(search, config)))
+        rows.append(
+            reference_study.result(search, points, reference_study.search_settings(search, config))
+        )
     _write("critical_gaps", rows, gaps, settings)
     _write("convergence", reference_study.convergence(rows, config), convergence, settings)
 
 
-def gather_pairs(rows: Sequence[tuple[str, str, Path]], settings: Mapping, *, outcomes: Path,
-                 model: Path, check: Path) -> str:
+def gather_pairs(
+    rows: Sequence[tuple[str, str, Path]],
+    settings: Mapping,
+    *,
+    outcomes: Path,
+    model: Path,
+    check: Path,
+) -> str:
     """`reference_outcomes`, the model of σ_num and its cross-validation; a sentence about it.
 
     ``rows``: pair, name of its numerics, file of its outcome.
@@ -111,8 +136,11 @@ def compare(rows: Sequence[Path], settings: Mapping, *, table: Path) -> str:
     reference = {row["outcome_id"]: row for row in reference_study.reference_outcomes()}
     model = uncertainty.read_model()
     found = [read_rows("outcomes", path)[0] for path in rows]
-    checked = [uncertainty.check_row(row, reference[row["outcome_id"]], model)
-               for row in found if row["outcome_id"] in reference]
+    checked = [
+        uncertainty.check_row(row, reference[row["outcome_id"]], model)
+        for row in found
+        if row["outcome_id"] in reference
+    ]
     _write("reference_check", checked, table, settings)
     sentence = uncertainty.closing_sentence(checked)
     absent = [row["outcome_id"] for row in found if row["outcome_id"] not in reference]
@@ -125,8 +153,9 @@ def spot_check_cost(outcomes: Path, drawn: Sequence[str], releases: int) -> str:
     return spot_check.cost_sentence(rows, releases)
 
 
-def gather_spot_check(outcomes: Path, checks: Sequence[Path], settings: Mapping, *, table: Path
-                      ) -> str:
+def gather_spot_check(
+    outcomes: Path, checks: Sequence[Path], settings: Mapping, *, table: Path
+) -> str:
     """`spot_check` from the campaign's outcomes and the rows of the checks; the verdict."""
     campaign = {row["outcome_id"]: row for row in read_rows("outcomes", outcomes)}
     found = [read_rows("outcomes", path)[0] for path in checks]

@@ -183,7 +183,10 @@ class Config(Partial):
 
 def sections_from(settings: Mapping[str, Any]) -> types.SimpleNamespace:
     """The sections of a configuration that a job was handed out; there are no others."""
-    return types.SimpleNamespace(**{
-        name: TypeAdapter(Config.model_fields[name].annotation).validate_python(value)
-        for name, value in settings.items() if name in Config.model_fields
-    })  # fmt: skip
+    return types.SimpleNamespace(
+        **{
+            name: TypeAdapter(Config.model_fields[name].annotation).validate_python(value)
+            for name, value in settings.items()
+            if name in Config.model_fields
+        }
+    )

@@ -51,8 +51,11 @@ class Device(Section):
             raise Unfit(
                 f"sample_position_mm between {half / 1e3:g} and {(width - half) / 1e3:g}: the "
                 "sample stream and its two dividers lie inside the channel",
-                "sample_position_mm", "sample_width_um", "divider_um", "array_width_mm",
-            )  # fmt: skip
+                "sample_position_mm",
+                "sample_width_um",
+                "divider_um",
+                "array_width_mm",
+            )
         layers = [value for key, value in self if key.startswith("layer_")]
         if len(set(layers)) < len(layers):
             raise ValueError("every layer_… another number")
@@ -159,10 +162,12 @@ class DesignRequest(Section):
                 calibrated = ", ".join(sorted(by_set)) or "none"
                 raise DldsimError(
                     f"design request {self.name}: stiffness_set_{i} = {name} has no calibrated "
-                    f"deformation index (calibrated: {calibrated}).", key=f"stiffness_set_{i}",
-                    value=name, allowed=calibrated, remedy="Add a constriction group for it, or "
-                    f"give deformation_index_{i}.",
-                )  # fmt: skip
+                    f"deformation index (calibrated: {calibrated}).",
+                    key=f"stiffness_set_{i}",
+                    value=name,
+                    allowed=calibrated,
+                    remedy=f"Add a constriction group for it, or give deformation_index_{i}.",
+                )
             update |= {f"deformation_index_{i}": by_set[name], f"stiffness_set_{i}": None}
         return self.model_copy(update=update)
 

@@ -20,10 +20,12 @@ def validate(model: type[BaseModel], values: Mapping) -> Any:
     except ValidationError as error:
         faults = [fault_of(model, details) for details in error.errors()]
     raise DldsimError(
-        "The configuration cannot be used:\n" + "\n".join(map(str, faults))
+        "The configuration cannot be used:\n"
+        + "\n".join(map(str, faults))
         + "\nCorrect it in config.yaml or on the command line.",
-        key=[key for fault in faults for key in fault.keys], faults=faults,
-    )  # fmt: skip
+        key=[key for fault in faults for key in fault.keys],
+        faults=faults,
+    )
 
 
 def check_value(model: type[BaseModel], key: str, value: Any) -> Any:
@@ -121,8 +123,11 @@ def allowed_at(model: type[BaseModel], loc: tuple, details: Mapping) -> str:
         annotation, list(field.metadata) if field and isinstance(loc[-1], str) else []
     )
     if own:
-        text = f"{text}, {context['error']}" if isinstance(loc[-1], str) and text else str(
-            context["error"])  # fmt: skip
+        text = (
+            f"{text}, {context['error']}"
+            if isinstance(loc[-1], str) and text
+            else str(context["error"])
+        )
     elif kind == "too_short":
         text = f"at least {context['min_length']} of"
     elif kind == "too_long":

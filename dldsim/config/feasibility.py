@@ -19,9 +19,11 @@ def check_gap(geometry: Geometry, safety_distance_um: float) -> None:
         raise DldsimError(
             f"gap_um = {geometry.gap_um:g} is too small for pillar_radius_um = "
             f"{geometry.pillar_radius_um:g}: a gap must exceed P_r + d_safety = {least:g} µm.",
-            key="gap_um", value=geometry.gap_um, allowed=f"> {least:g}",
+            key="gap_um",
+            value=geometry.gap_um,
+            allowed=f"> {least:g}",
             remedy="Widen the gap, take a smaller pillar, or lower sweep.safety_distance_um.",
-        )  # fmt: skip
+        )
 
 
 def smallest_passable_um(cell: CellShape) -> float:
@@ -52,9 +54,12 @@ def check_passable(geometry: Geometry, cell: CellShape, height_um: float = 0.0) 
         if value < least:
             raise DldsimError(
                 f"{name} = {value:g} is smaller than a squeezed {cell.shape} cell of radius "
-                f"{cell.radius_um:g} µm, about {least:.1f} µm across.", key=name, value=value,
-                allowed=f"{least:.1f} or more", remedy="Widen it, or lower cell.radius_um.",
-            )  # fmt: skip
+                f"{cell.radius_um:g} µm, about {least:.1f} µm across.",
+                key=name,
+                value=value,
+                allowed=f"{least:.1f} or more",
+                remedy="Widen it, or lower cell.radius_um.",
+            )
 
 
 LEAST_NODES = 4
@@ -82,18 +87,24 @@ def check_array(
     """
     if numerics.rows > geometry.periodicity:
         raise DldsimError(
-            key="numerics.rows", value=numerics.rows,
+            key="numerics.rows",
+            value=numerics.rows,
             allowed=f"1 to the periodicity {geometry.periodicity}",
             remedy="The domain repeats after a period: lower numerics.rows.",
-        )  # fmt: skip
+        )
     spacing, shift = laws.whole_shift_spacing(geometry, numerics.spacing_um)
     _check_nodes("gap_um", geometry.gap_um, spacing, "numerics.spacing_um", "widen the gap")
     height = 1.0
     if flow.height_um > 0:
         height = round(flow.height_um / spacing)
         if height < LEAST_NODES:
-            _check_nodes("height_um", flow.height_um, spacing, "numerics.spacing_um",
-                         "set height_um to 0 for the two-dimensional limit")  # fmt: skip
+            _check_nodes(
+                "height_um",
+                flow.height_um,
+                spacing,
+                "numerics.spacing_um",
+                "set height_um to 0 for the two-dimensional limit",
+            )
         height /= 1 + numerics.half_scene
     pitch = shift * geometry.periodicity
     nodes = numerics.rows * numerics.lanes * pitch**2 * height
@@ -108,15 +119,22 @@ def check_channel(channel: Constriction, numerics: Numerics, limits: Limits | No
     if channel.throat_width_um >= channel.width_um:
         raise DldsimError(
             f"constriction.throat_width_um = {channel.throat_width_um:g} must be below "
-            f"constriction.width_um = {channel.width_um:g}.", key="constriction.throat_width_um",
-            value=channel.throat_width_um, allowed=f"< {channel.width_um:g}",
+            f"constriction.width_um = {channel.width_um:g}.",
+            key="constriction.throat_width_um",
+            value=channel.throat_width_um,
+            allowed=f"< {channel.width_um:g}",
             remedy="Narrow the throat or widen the channel.",
-        )  # fmt: skip
+        )
     spacing, _ = laws.even_throat(channel.throat_width_um, channel.spacing_um)
     height = round(channel.height_um / spacing)
     if height < LEAST_NODES:
-        _check_nodes("constriction.height_um", channel.height_um, spacing,
-                     "constriction.spacing_um", "raise the height")  # fmt: skip
+        _check_nodes(
+            "constriction.height_um",
+            channel.height_um,
+            spacing,
+            "constriction.spacing_um",
+            "raise the height",
+        )
     length = channel.throat_length_um + 2 * (channel.approach_length_um + channel.taper_length_um)
     nodes = length / spacing * channel.width_um / spacing * height / (1 + numerics.half_scene)
     check_memory(nodes, numerics.precision, "constriction.spacing_um", channel.spacing_um, limits)
@@ -186,7 +204,9 @@ def check_sweep(config: Config) -> None:
     if not feasible:
         raise DldsimError(
             "sweep: no combination is left, every gap_um is at most P_r + d_safety "
-            f"(d_safety = {sweep.safety_distance_um:g} µm).", key="sweep.gap_um",
-            value=sweep.gap_um, allowed="> P_r + d_safety",
+            f"(d_safety = {sweep.safety_distance_um:g} µm).",
+            key="sweep.gap_um",
+            value=sweep.gap_um,
+            allowed="> P_r + d_safety",
             remedy="Add wider gaps or smaller pillars.",
-        )  # fmt: skip
+        )

@@ -47,10 +47,12 @@ def check_memory(
     if needed > most:
         raise DldsimError(
             f"{key} = {value:g} asks for about {nodes:.2g} nodes and {needed:.2g} GB of memory; "
-            f"limits.memory_GB is {most:g}.", key=key, value=value,
+            f"limits.memory_GB is {most:g}.",
+            key=key,
+            value=value,
             allowed=f"what needs up to {most:g} GB",
             remedy=f"Raise {key} or make the domain smaller, or raise limits.memory_GB.",
-        )  # fmt: skip
+        )
 
 
 def check_time(nodes: int, steps: float, reason: str) -> None:
@@ -60,7 +62,9 @@ def check_time(nodes: int, steps: float, reason: str) -> None:
         raise DldsimError(
             f"This run would take up to {steps:.2g} time steps of {nodes:,} nodes, about "
             f"{hours:.2g} hours; limits.run_hours is {most:g}.{f' {reason}.' if reason else ''}",
-            key="limits.run_hours", value=most, allowed=f"{hours:.2g} or more for this run",
+            key="limits.run_hours",
+            value=most,
+            allowed=f"{hours:.2g} or more for this run",
             remedy="Take a softer membrane, a coarser lattice, a larger velocity or viscosity, or "
             "fewer rows; or raise limits.run_hours.",
-        )  # fmt: skip
+        )

@@ -40,9 +40,12 @@ def _typed(value: Any) -> Any:
 
 
 def resolve(
-    raw: Mapping, overrides: Mapping | None = None, files: Sequence[Mapping] = (), *,
+    raw: Mapping,
+    overrides: Mapping | None = None,
+    files: Sequence[Mapping] = (),
+    *,
     partial: bool = False,
-) -> Config | Partial:  # fmt: skip
+) -> Config | Partial:
     """The validated configuration of one campaign.
 
     `raw` holds shared sections, `presets` and the name of one `preset`; `files` are further
@@ -56,9 +59,11 @@ def resolve(
     for layer in layers:
         if not isinstance(layer, Mapping):
             raise DldsimError(
-                "The configuration is not a mapping of keys to values.", value=layer,
-                allowed="sections", remedy="See config.yaml.",
-            )  # fmt: skip
+                "The configuration is not a mapping of keys to values.",
+                value=layer,
+                allowed="sections",
+                remedy="See config.yaml.",
+            )
         _check_presets(layer.get("presets"))
     empty = {key for key in Config.model_fields if overrides.get(key, "") is None}
     empty |= {"preset" for layer in layers if layer.get("preset", "") is None}
@@ -73,8 +78,10 @@ def resolve(
         if not isinstance(name, str) or name not in presets:
             raise DldsimError(
                 f"Unknown preset {name!r}.{did_you_mean(name, presets)} Presets: {known}.",
-                key="preset", value=name, allowed=known,
-            )  # fmt: skip
+                key="preset",
+                value=name,
+                allowed=known,
+            )
     whole: dict[str, Any] = {}
     for layer in layers:
         for part in in_force(layer, name):
@@ -105,8 +112,9 @@ def origins(layers: Mapping[str, Mapping]) -> str:
     lowest, *others = layers
     sentence = f"Configuration: {lowest}, preset {preset}"
     for name in others:
-        keys = dict.fromkeys(key for part in in_force(layers[name], preset)
-                             for key in flattened(part))
+        keys = dict.fromkeys(
+            key for part in in_force(layers[name], preset) for key in flattened(part)
+        )
         keys |= {"preset": None} if "preset" in layers[name] else {}
         if keys:
             sentence += f"; over it {name}: {', '.join(keys)}"
@@ -119,8 +127,14 @@ def _check_presets(presets: Any) -> None:
         return
     wrong = None if isinstance(presets, Mapping) else "presets"
     if not wrong:
-        wrong = next((f"presets.{name}" for name, preset in presets.items()
-                      if not isinstance(preset, Mapping | None)), None)  # fmt: skip
+        wrong = next(
+            (
+                f"presets.{name}"
+                for name, preset in presets.items()
+                if not isinstance(preset, Mapping | None)
+            ),
+            None,
+        )
     if wrong:
         value = presets if wrong == "presets" else presets[wrong.partition(".")[2]]
         allowed = "names with partial configurations" if wrong == "presets" else "sections"
@@ -132,9 +146,12 @@ def read_layer(path: Path) -> Mapping:
     values = read_yaml(path)
     if not isinstance(values, Mapping):
         raise DldsimError(
-            f"The configuration {path} is not a mapping of keys to values.", key=str(path),
-            value=values, allowed="sections", remedy="See config.yaml.",
-        )  # fmt: skip
+            f"The configuration {path} is not a mapping of keys to values.",
+            key=str(path),
+            value=values,
+            allowed="sections",
+            remedy="See config.yaml.",
+        )
     return values
 
 

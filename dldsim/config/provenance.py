@@ -65,10 +65,12 @@ def check_stamp(directory: Path) -> None:
     except (ValueError, KeyError, TypeError) as error:
         raise DldsimError(
             f"{path} is damaged, so that the physics version of what lies in {directory}/ is not "
-            "known.", key=str(path), allowed=str(PHYSICS_VERSION),
+            "known.",
+            key=str(path),
+            allowed=str(PHYSICS_VERSION),
             remedy=f"If it is this one ({PHYSICS_VERSION}), delete {path} alone, and all results "
             f"are used. Otherwise: mv {directory} {directory}-old.",
-        ) from error  # fmt: skip
+        ) from error
     if physics != PHYSICS_VERSION:
         raise DldsimError(
             f"{directory} holds results of physics version {physics} (dldsim {version}); this is "

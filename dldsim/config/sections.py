@@ -126,8 +126,7 @@ class Flow(Section):
         20.0, ge=0, le=1000, description="channel height; 0 is the 2D limit (no walls)"
     )
     drive: Literal["no-lateral-flux", "axial"] = Field(
-        "no-lateral-flux",
-        description="body force direction: mean flow along x, or force along x",
+        "no-lateral-flux", description="body force direction: mean flow along x, or force along x"
     )
 
 
@@ -288,7 +287,12 @@ Length = Annotated[float, Field(gt=0, lt=1000), AfterValidator(thousandths)]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9-]+$", max_length=64)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 CELL_NUMERICS = {
-    "coupling", "time_step", "reynolds_max", "kernel", "edge_to_spacing", "friction_nN_s_per_m",
+    "coupling",
+    "time_step",
+    "reynolds_max",
+    "kernel",
+    "edge_to_spacing",
+    "friction_nN_s_per_m",
     "contact_range_um",
-}  # fmt: skip
+}
 """The numerics that a flow without cell does not depend on."""

@@ -36,9 +36,12 @@ def _loader():
                 text = str(self.construct_object(key, deep=True))
                 if text in seen:
                     raise yaml.constructor.ConstructorError(
-                        None, None, f"the key {text} stands here again; it stands in line "
-                        f"{seen[text].line + 1} already", key.start_mark,
-                    )  # fmt: skip
+                        None,
+                        None,
+                        f"the key {text} stands here again; it stands in line "
+                        f"{seen[text].line + 1} already",
+                        key.start_mark,
+                    )
                 seen[text] = key.start_mark
             return super().construct_mapping(node, deep)
 

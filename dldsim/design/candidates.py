@@ -39,7 +39,8 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
     sigma = [surrogate.sigma_num_deg(table[f"angle_{i}_deg"], place[2]) for i in (1, 2)]
     known = all(part is not None for part in sigma)
     table = table.assign(
-        separation_tolerance_min_deg=least, separation_tolerance_max_deg=largest,
+        separation_tolerance_min_deg=least,
+        separation_tolerance_max_deg=largest,
         sigma_num_deg=np.hypot(*sigma) if known else np.nan,
         uncertainty_deg=np.hypot(*task.half_widths(*place)),
     ).sort_values(
@@ -59,25 +60,33 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
     angles = [designs[f"angle_{i}_deg"].to_numpy(float) for i in (1, 2)]
     modes = [[mode_of(a, 1 / n) for a, n in zip(angle, place[2], strict=True)] for angle in angles]
     drawn = task.drawn(*place)
-    shift = np.array([
-        [[mode_of(a, 1 / n) for a in row] != np.full(len(row), mode)
-         for row, n, mode in zip(angle, place[2], mode, strict=True)]
-        for angle, mode in zip(drawn, modes, strict=True)
-    ])
+    shift = np.array(
+        [
+            [
+                [mode_of(a, 1 / n) for a in row] != np.full(len(row), mode)
+                for row, n, mode in zip(angle, place[2], mode, strict=True)
+            ]
+            for angle, mode in zip(drawn, modes, strict=True)
+        ]
+    )
     length = task.length_mm(*angles)
     pressure = np.full(len(designs), np.nan)
     if chip.resistance is not None:
         pressure = task.pressure_kPa(*place, length)
     designs = designs.assign(
-        objective=request.objective, mode_1=modes[0], mode_2=modes[1],
+        objective=request.objective,
+        mode_1=modes[0],
+        mode_2=modes[1],
         robust_separation_deg=task.robust(*place)[0],
         mode_change_probability=shift.any(axis=0).mean(axis=1),
         length_mm=np.where(np.isfinite(length), length, np.nan),
         pressure_drop_kPa=np.where(np.isfinite(pressure), pressure, np.nan),
         pressure_basis=chip.pressure_basis,
         throughput_uL_per_h=chip.throughput_uL_per_h,
-        verdict=[verdict_of(row, ranks.count(row["rank"]), at_bounds(request, row))
-                 for _, row in designs.iterrows()],
+        verdict=[
+            verdict_of(row, ranks.count(row["rank"]), at_bounds(request, row))
+            for _, row in designs.iterrows()
+        ],
     )
     return designs[TABLES["designs"].names].reset_index(drop=True)
 
@@ -117,19 +126,37 @@ def tolerances(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
                 for k, (index, cell) in enumerate(task.cells, start=1):
                     if parameter == f"deformation_index_{k}":
                         index = min(max(index + offset, low), high)
-                    angles.append(float(task.surrogate.predict(
-                        radius, gap, periodicity, index, cell)[0]))
+                    angles.append(
+                        float(task.surrogate.predict(radius, gap, periodicity, index, cell)[0])
+                    )
                 modes = [mode_of(a, 1 / periodicity) for a in angles]
-                found.append({
-                    "request": request.name, "design": design["design"], "parameter": parameter,
-                    "offset": offset, "angle_1_deg": angles[0], "angle_2_deg": angles[1],
-                    "separation_deg": order * (angles[1] - angles[0]),
-                    "mode_1": modes[0], "mode_2": modes[1],
-                })
+                found.append(
+                    {
+                        "request": request.name,
+                        "design": design["design"],
+                        "parameter": parameter,
+                        "offset": offset,
+                        "angle_1_deg": angles[0],
+                        "angle_2_deg": angles[1],
+                        "separation_deg": order * (angles[1] - angles[0]),
+                        "mode_1": modes[0],
+                        "mode_2": modes[1],
+                    }
+                )
             slope = (found[1]["separation_deg"] - found[0]["separation_deg"]) / (2 * size)
             rows += [{**row, "sensitivity_deg_per_unit": slope} for row in found]
-    columns = ["request", "design", "parameter", "offset", "angle_1_deg", "angle_2_deg",
-               "separation_deg", "mode_1", "mode_2", "sensitivity_deg_per_unit"]
+    columns = [
+        "request",
+        "design",
+        "parameter",
+        "offset",
+        "angle_1_deg",
+        "angle_2_deg",
+        "separation_deg",
+        "mode_1",
+        "mode_2",
+        "sensitivity_deg_per_unit",
+    ]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -147,8 +174,11 @@ def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
         "periodicity": np.arange(low, high + 1),
     }
     found = [pd.DataFrame(columns=SLICE_COLUMNS)]
-    for x, y in (("pillar_radius_um", "gap_um"), ("periodicity", "gap_um"),
-                 ("periodicity", "pillar_radius_um")):
+    for x, y in (
+        ("pillar_radius_um", "gap_um"),
+        ("periodicity", "gap_um"),
+        ("periodicity", "pillar_radius_um"),
+    ):
         if {x, y} & fixed(request):
             continue
         grid = np.meshgrid(axes[x], axes[y], indexing="ij")
@@ -157,25 +187,46 @@ def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
         place = [at[name] for name in GEOMETRY]
         first, second = task.angles(*place)
         limits = task.limits(*place).values()
-        found.append(pd.DataFrame({
-            "request": request.name, "x_parameter": x, "y_parameter": y,
-            "x": at[x].astype(float), "y": at[y].astype(float), "difference_deg": second - first,
-            "feasible": np.all([np.broadcast_to(v, len(first)) <= 0 for v in limits], axis=0),
-            "inside_training_domain": np.all(
-                [task.surrogate.inside_domain(*place, *cell) for cell in task.cells], axis=0),
-        }))
+        found.append(
+            pd.DataFrame(
+                {
+                    "request": request.name,
+                    "x_parameter": x,
+                    "y_parameter": y,
+                    "x": at[x].astype(float),
+                    "y": at[y].astype(float),
+                    "difference_deg": second - first,
+                    "feasible": np.all(
+                        [np.broadcast_to(v, len(first)) <= 0 for v in limits], axis=0
+                    ),
+                    "inside_training_domain": np.all(
+                        [task.surrogate.inside_domain(*place, *cell) for cell in task.cells], axis=0
+                    ),
+                }
+            )
+        )
     return pd.concat(found[1:] or found, ignore_index=True)
 
 
-SLICE_COLUMNS = ["request", "x_parameter", "y_parameter", "x", "y", "difference_deg", "feasible",
-                 "inside_training_domain"]
+SLICE_COLUMNS = [
+    "request",
+    "x_parameter",
+    "y_parameter",
+    "x",
+    "y",
+    "difference_deg",
+    "feasible",
+    "inside_training_domain",
+]
 
 
 def offsets_of(task: Task) -> list[tuple[str, float]]:
     """What may be off, and by how much; what cannot is left out."""
     width = task.request.tolerance_um
-    sizes = [*((name, width) for name in ("pillar_radius_um", "gap_um", "edge_um")),
-             *((f"deformation_index_{k}", s) for k, s in enumerate(task.spreads, start=1))]
+    sizes = [
+        *((name, width) for name in ("pillar_radius_um", "gap_um", "edge_um")),
+        *((f"deformation_index_{k}", s) for k, s in enumerate(task.spreads, start=1)),
+    ]
     return [(name, size) for name, size in sizes if size > 0]
 
 
@@ -223,9 +274,11 @@ def at_bounds(request: DesignRequest, row: Mapping[str, Any]) -> list[str]:
     for name in (n for n in GEOMETRY if n not in fixed(request)):
         bounds = getattr(request, name)
         reach = 0 if name == "periodicity" else BOUND_SHARE * np.ptp(bounds)
-        found += [f"{name} = {row[name]:g}, {end} bound {bound:g}"
-                  for end, bound in zip(("lowest", "highest"), bounds, strict=True)
-                  if abs(row[name] - bound) <= reach]
+        found += [
+            f"{name} = {row[name]:g}, {end} bound {bound:g}"
+            for end, bound in zip(("lowest", "highest"), bounds, strict=True)
+            if abs(row[name] - bound) <= reach
+        ]
     return found
 
 
@@ -257,18 +310,29 @@ def transition_geometries(task: Task, known: pd.DataFrame, count: int) -> list[d
     """
     request = task.request
     rng = np.random.default_rng(task.seed)
-    radius, gap = (rng.uniform(*bounds, TRANSITION_POINTS).round(DECIMALS)
-                   for bounds in (request.pillar_radius_um, request.gap_um))
+    radius, gap = (
+        rng.uniform(*bounds, TRANSITION_POINTS).round(DECIMALS)
+        for bounds in (request.pillar_radius_um, request.gap_um)
+    )
     low, high = request.periodicity
     place = radius, gap, rng.integers(low, high + 1, TRANSITION_POINTS)
-    good = np.all([np.broadcast_to(v, TRANSITION_POINTS) <= 0
-                   for v in violations(request, task.chip, radius, gap).values()], axis=0)
+    good = np.all(
+        [
+            np.broadcast_to(v, TRANSITION_POINTS) <= 0
+            for v in violations(request, task.chip, radius, gap).values()
+        ],
+        axis=0,
+    )
     good &= task.may_be_inside(*place)
     share = np.tan(np.radians(task.angles(*place))) * place[2]
     good &= np.abs(share - 0.5).min(axis=0) <= TRANSITION_SHARE
     points = np.column_stack(place)[good]
-    scale = np.array([np.ptp(b) or np.inf for b in
-                      (request.pillar_radius_um, request.gap_um, request.periodicity)])
+    scale = np.array(
+        [
+            np.ptp(b) or np.inf
+            for b in (request.pillar_radius_um, request.gap_um, request.periodicity)
+        ]
+    )
     seen = known[GEOMETRY].to_numpy(float)
     chosen: list[dict[str, Any]] = []
     while len(points) and len(chosen) < count:
@@ -278,6 +342,11 @@ def transition_geometries(task: Task, known: pd.DataFrame, count: int) -> list[d
         if task.outside(float(best[0]), float(best[1]), int(best[2])) > DOMAIN_TOLERANCE:
             continue
         seen = np.vstack([seen, best])
-        chosen.append({"pillar_radius_um": float(best[0]), "gap_um": float(best[1]),
-                       "periodicity": int(best[2])})
+        chosen.append(
+            {
+                "pillar_radius_um": float(best[0]),
+                "gap_um": float(best[1]),
+                "periodicity": int(best[2]),
+            }
+        )
     return chosen

@@ -52,8 +52,9 @@ class Resistance:
 
     def drag_over_mu_U(self, radius, gap, periodicity) -> np.ndarray:
         """Drag per length of pillar / (μU), shape (n,)."""
-        columns = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float))
-                                        for v in (radius, gap, periodicity)))
+        columns = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(v, float)) for v in (radius, gap, periodicity))
+        )
         return np.exp(self._terms(*columns) @ self.coefficients)
 
 

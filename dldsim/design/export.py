@@ -149,8 +149,9 @@ def make_record(
     names = {*design, *(key for run in runs for key in run)}
     record["columns"] = {
         n: {"unit": unit, "description": text}
-        for n in sorted(names) for unit, text in [describe(n)]
-    }  # fmt: skip
+        for n in sorted(names)
+        for unit, text in [describe(n)]
+    }
     return _plain(record)
 
 
@@ -195,8 +196,10 @@ def passage_label(number: int, row: Mapping[str, Any]) -> str:
     """A cell type by what it is made of, and what it did."""
     angle = row["migration_angle_deg"]
     result = row["status"] if angle is None else f"{angle:.2f}°, {row['mode']}"
-    return (f"cell {number}, k_s {row['ks_uN_per_m']:.3g} µN/m, R {row['cell_radius_um']:g} µm: "
-            f"{result}")
+    return (
+        f"cell {number}, k_s {row['ks_uN_per_m']:.3g} µN/m, R {row['cell_radius_um']:g} µm: "
+        f"{result}"
+    )
 
 
 def _write_figure(figure, path: Path) -> None:

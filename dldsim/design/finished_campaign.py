@@ -30,8 +30,9 @@ def make_chip(settings: Mapping, flows: pd.DataFrame | None) -> Chip:
 
     Flows that the pressure drop cannot be interpolated from leave it unknown, with the reason.
     """
-    chip = Chip(Flow(**settings["flow"]), Device(**settings["device"]),
-                settings["safety_distance_um"])
+    chip = Chip(
+        Flow(**settings["flow"]), Device(**settings["device"]), settings["safety_distance_um"]
+    )
     if flows is None:
         return chip
     try:
@@ -56,8 +57,10 @@ def read_campaign(directory: Path, device: Device, safety_distance_um: float) ->
     surrogate was learnt from others than these outcomes.
     """
     directory = Path(directory)
-    tables = {kind: read_table(kind, directory / f"{kind}.parquet")
-              for kind in ("outcomes", "calibration")}
+    tables = {
+        kind: read_table(kind, directory / f"{kind}.parquet")
+        for kind in ("outcomes", "calibration")
+    }
     flows = directory / "flows.parquet"
     if flows.exists():
         tables["flows"] = read_table("flows", flows)
@@ -68,8 +71,11 @@ def read_campaign(directory: Path, device: Device, safety_distance_um: float) ->
 
 
 def make_campaign(
-    tables: dict[str, pd.DataFrame], model: surrogate.Surrogate, run_control: Mapping | None,
-    device: Device, safety_distance_um: float,
+    tables: dict[str, pd.DataFrame],
+    model: surrogate.Surrogate,
+    run_control: Mapping | None,
+    device: Device,
+    safety_distance_um: float,
 ) -> Campaign:
     """A campaign of tables in memory: `outcomes`, and `calibration` and `flows` if there are any.
 
@@ -82,7 +88,9 @@ def make_campaign(
 
 
 def check_settings(
-    settings: Partial | None, known: Campaign, request: DesignRequest | None = None,
+    settings: Partial | None,
+    known: Campaign,
+    request: DesignRequest | None = None,
     simulate: bool = False,
 ) -> None:
     """Refuse settings that answers of a campaign do not hold for.
@@ -97,38 +105,56 @@ def check_settings(
     wanted: list[tuple[str, Any, Any]] = []
     sections = {"cell": ("shape", "aspect_ratio"), "flow": tuple(Flow.model_fields)}
     if simulate:
-        sections = {"cell": ("shape", "aspect_ratio", "axis"), "flow": tuple(Flow.model_fields),
-                    "numerics": tuple(Numerics.model_fields),
-                    "run_control": tuple(RunControl.model_fields)}
+        sections = {
+            "cell": ("shape", "aspect_ratio", "axis"),
+            "flow": tuple(Flow.model_fields),
+            "numerics": tuple(Numerics.model_fields),
+            "run_control": tuple(RunControl.model_fields),
+        }
     for name, keys in sections.items():
         section = getattr(settings, name)
         named = [] if section is None else [k for k in keys if k in section.model_fields_set]
-        wanted += [(f"{name}.{key}", getattr(section, key), known.settings[name].get(key))
-                   for key in named]
+        wanted += [
+            (f"{name}.{key}", getattr(section, key), known.settings[name].get(key)) for key in named
+        ]
     for i in (1, 2) if request else ():
         name = getattr(request, f"stiffness_set_{i}")
         if name in (settings.stiffness_sets or {}) and name in known.settings["stiffness_sets"]:
-            wanted += [(f"stiffness_sets.{name}.{key}", value,
-                        known.settings["stiffness_sets"][name][key])
-                       for key, value in settings.stiffness_sets[name]]
-        if (settings.cell is not None and "radius_um" in settings.cell.model_fields_set
-                and f"radius_{i}_um" not in request.model_fields_set):
-            wanted.append(("cell.radius_um", settings.cell.radius_um,
-                           getattr(request, f"radius_{i}_um")))
+            wanted += [
+                (f"stiffness_sets.{name}.{key}", value, known.settings["stiffness_sets"][name][key])
+                for key, value in settings.stiffness_sets[name]
+            ]
+        if (
+            settings.cell is not None
+            and "radius_um" in settings.cell.model_fields_set
+            and f"radius_{i}_um" not in request.model_fields_set
+        ):
+            wanted.append(
+                ("cell.radius_um", settings.cell.radius_um, getattr(request, f"radius_{i}_um"))
+            )
     for key, value, other in wanted:
         if value != other and not (
             isinstance(value, float) and np.isclose(value, other, rtol=1e-6, atol=0)
         ):
-            remedy = ("give the radii of both cell types, --r1 and --r2" if key == "cell.radius_um"
-                      else "simulate a campaign with this value and name its folder with "
-                      "--results, or take the setting out of the configuration")
-            origin = ("the request takes" if key == "cell.radius_um" else
-                      "answers come from a campaign with")
+            remedy = (
+                "give the radii of both cell types, --r1 and --r2"
+                if key == "cell.radius_um"
+                else "simulate a campaign with this value and name its folder with "
+                "--results, or take the setting out of the configuration"
+            )
+            origin = (
+                "the request takes"
+                if key == "cell.radius_um"
+                else "answers come from a campaign with"
+            )
             raise DldsimError(
                 f"{key} = {value} in the configuration, but {origin} {other}. They hold for "
-                f"{known.model.holds_for}; nothing else was learnt.", key=key, value=value,
-                allowed=str(other), remedy=f"To have the other, {remedy}.",
-            )  # fmt: skip
+                f"{known.model.holds_for}; nothing else was learnt.",
+                key=key,
+                value=value,
+                allowed=str(other),
+                remedy=f"To have the other, {remedy}.",
+            )
 
 
 MEASURED = "measured"
@@ -136,7 +162,10 @@ MEASURED = "measured"
 
 
 def with_measurements(
-    outcomes: pd.DataFrame, measurements: Sequence[Mapping[str, Any]], *, height_um: float,
+    outcomes: pd.DataFrame,
+    measurements: Sequence[Mapping[str, Any]],
+    *,
+    height_um: float,
     mean_velocity_mm_s: float,
 ) -> pd.DataFrame:
     """The table of outcomes with measured angles below, to be learnt from like outcomes.
@@ -155,9 +184,12 @@ def with_measurements(
             allowed = ", ".join(f"{v:g}" for v in known)
             raise DldsimError(
                 f"Measurements: {name} = {value:g}, the outcomes have {allowed}. The surrogate "
-                "knows no other.", key=name, value=value, allowed=allowed,
+                "knows no other.",
+                key=name,
+                value=value,
+                allowed=allowed,
                 remedy="Leave these measurements out, or choose a campaign at this value.",
-            )  # fmt: skip
+            )
     rows = []
     for i, given in enumerate(measurements, start=1):
         bump = float(np.degrees(np.arctan(1 / given["periodicity"])))
@@ -167,21 +199,35 @@ def with_measurements(
             raise DldsimError(
                 f"Measurement {i}: migration_angle_deg = {angle:g} with periodicity "
                 f"{given['periodicity']}: allowed {allowed}. Full bump motion has {bump:.3g}°.",
-                key=f"measurements.{i - 1}.migration_angle_deg", value=angle, allowed=allowed,
+                key=f"measurements.{i - 1}.migration_angle_deg",
+                value=angle,
+                allowed=allowed,
                 remedy="Look at the sign, the unit and the row shift.",
             )
-        rows.append({
-            **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},
-            "outcome_id": f"measured-{i:04d}", "stiffness_set": MEASURED, "status": MEASURED,
-            "stop_reason": "", "mode": mode_of(angle, 1 / given["periodicity"]),
-            "pitch_um": 2 * given["pillar_radius_um"] + given["gap_um"],
-            "row_shift_fraction": 1 / given["periodicity"], "bump_angle_deg": bump,
-            **{n: outcomes[n].iloc[0] for n in ("cell_shape", *conditions_)},
-            "sigma_num_basis": "measured",
-        })  # fmt: skip
-    return pd.concat([outcomes, pd.DataFrame(rows, columns=outcomes.columns).astype(
-        {name: kind for name, kind in outcomes.dtypes.items() if kind.kind == "f"})],
-        ignore_index=True)  # fmt: skip
+        rows.append(
+            {
+                **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},
+                "outcome_id": f"measured-{i:04d}",
+                "stiffness_set": MEASURED,
+                "status": MEASURED,
+                "stop_reason": "",
+                "mode": mode_of(angle, 1 / given["periodicity"]),
+                "pitch_um": 2 * given["pillar_radius_um"] + given["gap_um"],
+                "row_shift_fraction": 1 / given["periodicity"],
+                "bump_angle_deg": bump,
+                **{n: outcomes[n].iloc[0] for n in ("cell_shape", *conditions_)},
+                "sigma_num_basis": "measured",
+            }
+        )
+    return pd.concat(
+        [
+            outcomes,
+            pd.DataFrame(rows, columns=outcomes.columns).astype(
+                {name: kind for name, kind in outcomes.dtypes.items() if kind.kind == "f"}
+            ),
+        ],
+        ignore_index=True,
+    )
 
 
 def packaged_campaign() -> Path:
@@ -232,11 +278,19 @@ def settings_of_outcomes(
 
     The viscosity is that of the capillary number Ca = μU/k_s. Raises DldsimError for mixed ones.
     """
-    for name in ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s", "numerics",
-                 "release_axis"):
+    for name in (
+        "cell_shape",
+        "cell_radius_um",
+        "height_um",
+        "mean_velocity_mm_s",
+        "numerics",
+        "release_axis",
+    ):
         if outcomes[name].nunique() != 1:
-            raise DldsimError(f"The table of outcomes mixes several values of {name}: designs are "
-                              "made from outcomes of one cell, channel and velocity.")
+            raise DldsimError(
+                f"The table of outcomes mixes several values of {name}: designs are "
+                "made from outcomes of one cell, channel and velocity."
+            )
     done = outcomes[outcomes["capillary_number"].notna()]
     if done.empty:
         raise DldsimError("The table of outcomes has no run that was simulated.")
@@ -249,17 +303,21 @@ def settings_of_outcomes(
     sets = done.drop_duplicates("stiffness_set").set_index("stiffness_set")[names]
     return {
         "cell": CellShape(
-            shape=first["cell_shape"], radius_um=float(first["cell_radius_um"]),
+            shape=first["cell_shape"],
+            radius_um=float(first["cell_radius_um"]),
             axis=first["release_axis"],
         ).model_dump(),
         "flow": Flow(
-            mean_velocity_mm_s=velocity, viscosity_mPa_s=round(viscosity, 9),
-            height_um=float(first["height_um"]), drive=drive,
+            mean_velocity_mm_s=velocity,
+            viscosity_mPa_s=round(viscosity, 9),
+            height_um=float(first["height_um"]),
+            drive=drive,
         ).model_dump(),
         "numerics": Numerics(**{key: asked[key] for key in Numerics.model_fields}).model_dump(),
-        "stiffness_sets": {str(k): {n: float(v) for n, v in row.items()}
-                           for k, row in sets.iterrows()},
-    }  # fmt: skip
+        "stiffness_sets": {
+            str(k): {n: float(v) for n, v in row.items()} for k, row in sets.iterrows()
+        },
+    }
 
 
 if __name__ == "__main__":

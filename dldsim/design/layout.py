@@ -192,17 +192,21 @@ def _exit(geometry: Geometry, device: Device, length: float, population: Stream)
     slope = math.tan(math.radians(angle))
     reached = math.inf if slope == 0 else (wall[slope > 0] - start) / slope
     return Exit(
-        population, mode_of(angle, geometry.row_shift_fraction), at(angle), *extremes,
+        population,
+        mode_of(angle, geometry.row_shift_fraction),
+        at(angle),
+        *extremes,
         reached if reached < length else None,
-    )  # fmt: skip
+    )
 
 
 def _split(exits: Sequence[Exit], device: Device) -> float:
     """Lateral position of the wall between the outlets, midway between the nearest cell edges."""
     width = 1e3 * device.array_width_mm
     low, *_, high = sorted(exits, key=lambda e: e.position_um)
-    middle = (low.position_um + low.population.radius_um
-              + high.position_um - high.population.radius_um) / 2  # fmt: skip
+    middle = (
+        low.position_um + low.population.radius_um + high.position_um - high.population.radius_um
+    ) / 2
     narrowest = device.sample_width_um + device.divider_um / 2
     return min(max(middle, narrowest), width - narrowest)
 
@@ -225,29 +229,39 @@ def _separation(layout: Layout) -> dict[str, Any]:
 def _notes(layout: Layout) -> list[str]:
     """What a user of the device must know, in sentences."""
     figures = _separation(layout)
-    apart, free = (figures[k] for k in
-                   ("separation_at_exit_um", "free_distance_between_streams_um"))  # fmt: skip
+    apart, free = (
+        figures[k] for k in ("separation_at_exit_um", "free_distance_between_streams_um")
+    )
     diameter = 2 * max(e.population.radius_um for e in layout.exits)
     length = figures["length_for_parted_streams_mm"]
     more = "" if length is None else f" An array of {length:.3g} mm would part the streams."
     if apart < diameter:
-        notes = [f"The populations leave {apart:.1f} µm apart, less than a cell diameter "
-                 f"({diameter:.1f} µm): no outlet can divide them.{more}"]  # fmt: skip
+        notes = [
+            f"The populations leave {apart:.1f} µm apart, less than a cell diameter "
+            f"({diameter:.1f} µm): no outlet can divide them.{more}"
+        ]
     elif free <= 0:
-        notes = [f"The populations leave {apart:.0f} µm apart, but their streams, as wide as the "
-                 f"sample stream and a cell, overlap by {-free:.0f} µm.{more}"]  # fmt: skip
+        notes = [
+            f"The populations leave {apart:.0f} µm apart, but their streams, as wide as the "
+            f"sample stream and a cell, overlap by {-free:.0f} µm.{more}"
+        ]
     else:
-        notes = [f"The populations leave {apart:.0f} µm apart, with {free:.0f} µm between their "
-                 "streams."]  # fmt: skip
+        notes = [
+            f"The populations leave {apart:.0f} µm apart, with {free:.0f} µm between their streams."
+        ]
     pitch, width = layout.geometry.pitch_um, layout.width_um
     for e in layout.exits:
         who = f"{e.population.name} ({e.population.angle_deg:.2f}°)"
         if e.wall_at_um is not None:
-            notes.append(f"{who} reaches a side wall after {e.wall_at_um / 1e3:.2f} mm; widen the "
-                         "array or move the sample stream.")  # fmt: skip
+            notes.append(
+                f"{who} reaches a side wall after {e.wall_at_um / 1e3:.2f} mm; widen the "
+                "array or move the sample stream."
+            )
         elif min(e.position_um, width - e.position_um) < NEAR_WALL_PITCHES * pitch:
-            notes.append(f"{who} leaves within {NEAR_WALL_PITCHES} pitches of a side wall, where "
-                         "the flow is not that of the array.")  # fmt: skip
+            notes.append(
+                f"{who} leaves within {NEAR_WALL_PITCHES} pitches of a side wall, where "
+                "the flow is not that of the array."
+            )
     notes.append(
         f"The array of this mask is {layout.length_um / 1e3:.2f} mm long: the {layout.rows} whole "
         f"rows that fit into device.array_length_mm = {layout.device.array_length_mm:g}. The "
@@ -257,8 +271,10 @@ def _notes(layout: Layout) -> list[str]:
     notes.append(
         "The sample stream has its width if the three inlets are fed in proportion to their widths."
     )
-    notes.append("Positions hold for the settled motion over the whole length; the first rows, "
-                 "side walls, and dispersion among cells of one type are not in them.")  # fmt: skip
+    notes.append(
+        "Positions hold for the settled motion over the whole length; the first rows, "
+        "side walls, and dispersion among cells of one type are not in them."
+    )
     return notes
 
 
@@ -334,8 +350,20 @@ def circle(centre: tuple[float, float], radius: float, tolerance: float) -> np.n
 
 def _cross(centre: tuple[float, float], size: float) -> np.ndarray:
     a, b = size / 2, size / 20
-    corners = [(-a, -b), (-b, -b), (-b, -a), (b, -a), (b, -b), (a, -b),
-               (a, b), (b, b), (b, a), (-b, a), (-b, b), (-a, b)]  # fmt: skip
+    corners = [
+        (-a, -b),
+        (-b, -b),
+        (-b, -a),
+        (b, -a),
+        (b, -b),
+        (a, -b),
+        (a, b),
+        (b, b),
+        (b, a),
+        (-b, a),
+        (-b, b),
+        (-a, b),
+    ]
     return np.array(corners) + centre
 
 

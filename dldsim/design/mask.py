@@ -28,8 +28,10 @@ def write_gds(layout: Layout, path: Path) -> None:
 
     library = gdstk.Library(layout.name, unit=1e-6, precision=1e-9)
     layer = {name: getattr(layout.device, f"layer_{name}") for name in LAYERS}
-    pillar, period, rest, device = (library.new_cell(structure_name(layout, part)) for part in
-                                    ("PILLAR", "PERIOD", "LAST_ROWS", "DEVICE"))  # fmt: skip
+    pillar, period, rest, device = (
+        library.new_cell(structure_name(layout, part))
+        for part in ("PILLAR", "PERIOD", "LAST_ROWS", "DEVICE")
+    )
     g = layout.geometry
     outline = circle((0, 0), g.pillar_radius_um, layout.device.facet_tolerance_um)
     pillar.add(gdstk.Polygon(outline, layer["pillars"]))
@@ -102,12 +104,17 @@ def write_dxf(layout: Layout, path: Path) -> None:
     space = document.modelspace()
     for row in range(g.periodicity):
         x, y = (row + 0.5) * g.pitch_um, layout.lowest_um + row * layout.shift_um
-        space.add_blockref(pillar, (x, y), dxfattribs={
-            "layer": "PILLARS",
-            "row_count": layout.lanes[row], "row_spacing": g.pitch_um,
-            "column_count": len(range(row, layout.rows, g.periodicity)),
-            "column_spacing": g.periodicity * g.pitch_um,
-        })  # fmt: skip
+        space.add_blockref(
+            pillar,
+            (x, y),
+            dxfattribs={
+                "layer": "PILLARS",
+                "row_count": layout.lanes[row],
+                "row_spacing": g.pitch_um,
+                "column_count": len(range(row, layout.rows, g.periodicity)),
+                "column_spacing": g.periodicity * g.pitch_um,
+            },
+        )
     for name, polygons in layout.polygons.items():
         for polygon in polygons:
             space.add_lwpolyline(polygon, close=True, dxfattribs={"layer": name.upper()})
@@ -130,14 +137,20 @@ def draw_mask(path: Path, device: Device) -> "Figure":
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
 
-    colours = {"channel": "#DCE9F5", "pillars": "#4A5560", "alignment": "#D55E00",
-               "label": "#000000", "documentation": "#009E73"}  # fmt: skip
+    colours = {
+        "channel": "#DCE9F5",
+        "pillars": "#4A5560",
+        "alignment": "#D55E00",
+        "label": "#000000",
+        "documentation": "#009E73",
+    }
     [top] = gdstk.read_gds(path).top_level()
     figure = Figure(figsize=(9.2, 6.4), layout="constrained")
     panels = figure.subplots(2, 1, height_ratios=(3, 2))
     for name, colour in colours.items():
-        shapes = [p.points for p in top.get_polygons(layer=getattr(device, f"layer_{name}"),
-                                                     datatype=0)]  # fmt: skip
+        shapes = [
+            p.points for p in top.get_polygons(layer=getattr(device, f"layer_{name}"), datatype=0)
+        ]
         alpha = 0.5 if name == "documentation" else 1
         for panel in panels:
             panel.add_collection(PolyCollection(shapes, facecolor=colour, alpha=alpha, linewidth=0))

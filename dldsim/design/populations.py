@@ -25,7 +25,9 @@ class Population(NamedTuple):
 
 
 def make_populations(
-    request: DesignRequest, resolved: DesignRequest, calibration: pd.DataFrame,
+    request: DesignRequest,
+    resolved: DesignRequest,
+    calibration: pd.DataFrame,
     sets: Mapping[str, Stiffness],
 ) -> list[Population]:
     """Both cell types of a request; ``resolved``: the same request by deformation indices.
@@ -45,22 +47,33 @@ def make_populations(
             raise DldsimError(
                 f"design request {request.name}: stiffness_set_{i} = {named} was not simulated in "
                 f"this campaign, which has {', '.join(sorted(sets))}. Its angles can be predicted "
-                "by its deformation index.", key=f"stiffness_set_{i}", value=named,
+                "by its deformation index.",
+                key=f"stiffness_set_{i}",
+                value=named,
                 allowed=", ".join(sorted(sets)),
                 remedy="To simulate it, name one of these or another campaign.",
-            )  # fmt: skip
+            )
         if named is not None:
             stiffness, basis = sets[named], f"stiffness set {named}"
         else:
             key = f"deformation_index_{i}"
             inverse = stiffness_for(index, calibration, key=key)
             stiffness = stiffness_at(inverse["ks_uN_per_m"], sets, key)
-            basis = (f"inverse of the calibration, k_s {inverse['ks_uN_per_m']:.3g} µN/m between "
-                     + " and ".join(inverse["between"]))
-        found.append(Population(
-            i, f"{request.name}-{i}", index, getattr(resolved, f"deformation_index_std_{i}") or 0.0,
-            getattr(request, f"radius_{i}_um"), stiffness, basis,
-        ))  # fmt: skip
+            basis = (
+                f"inverse of the calibration, k_s {inverse['ks_uN_per_m']:.3g} µN/m between "
+                + " and ".join(inverse["between"])
+            )
+        found.append(
+            Population(
+                i,
+                f"{request.name}-{i}",
+                index,
+                getattr(resolved, f"deformation_index_std_{i}") or 0.0,
+                getattr(request, f"radius_{i}_um"),
+                stiffness,
+                basis,
+            )
+        )
     return found
 
 
@@ -71,11 +84,15 @@ def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) ->
     if not ks[0] <= ks_uN_per_m <= ks[-1]:
         raise DldsimError(
             f"{key}: its stiffness k_s = {ks_uN_per_m:.4g} µN/m is outside the stiffness sets, "
-            f"{ks[0]:g} to {ks[-1]:g} µN/m.", key=key, value=ks_uN_per_m,
+            f"{ks[0]:g} to {ks[-1]:g} µN/m.",
+            key=key,
+            value=ks_uN_per_m,
             allowed=f"k_s of {ks[0]:g} to {ks[-1]:g} µN/m",
             remedy="Choose a deformation index between theirs.",
-        )  # fmt: skip
-    return Stiffness(**{
-        name: float(np.interp(ks_uN_per_m, ks, [getattr(s, name) for _, s in curve]))
-        for name in Stiffness.model_fields
-    })
+        )
+    return Stiffness(
+        **{
+            name: float(np.interp(ks_uN_per_m, ks, [getattr(s, name) for _, s in curve]))
+            for name in Stiffness.model_fields
+        }
+    )

@@ -93,11 +93,25 @@ def verify(
             found = simulate_pair(simulate, geometry, populations, chip.flow.height_um)
             spent += 2
             compared = compare(task, populations, geometry, found)
-            records += [{"request": request.name, "round": number, "role": role, "array": array,
-                         "height_um": chip.flow.height_um, **row} for row in compared]
-            pairs[array] = {"place": geometry.model_dump(), "role": role, "round": number,
-                            "rows": found, "difference": compared[2],
-                            "design": place if role == "design" else None}
+            records += [
+                {
+                    "request": request.name,
+                    "round": number,
+                    "role": role,
+                    "array": array,
+                    "height_um": chip.flow.height_um,
+                    **row,
+                }
+                for row in compared
+            ]
+            pairs[array] = {
+                "place": geometry.model_dump(),
+                "role": role,
+                "round": number,
+                "rows": found,
+                "difference": compared[2],
+                "design": place if role == "design" else None,
+            }
             rows |= {row["outcome_id"]: row for row in found}
             if role == "design":
                 agreements.append(settles(compared[2]))
@@ -115,8 +129,13 @@ def verify(
         heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
         records += heights
         designs = _with_heights(designs, heights, chip.flow.height_um)
-    return Verdicts(pd.DataFrame(records, columns=TABLES["verifications"].names), designs,
-                    with_outcomes(outcomes, rows), candidates, rows)
+    return Verdicts(
+        pd.DataFrame(records, columns=TABLES["verifications"].names),
+        designs,
+        with_outcomes(outcomes, rows),
+        candidates,
+        rows,
+    )
 
 
 def with_outcomes(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.DataFrame:
@@ -134,8 +153,13 @@ def settles(difference: Mapping[str, Any]) -> bool:
     return difference["agrees"] is True
 
 
-def simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population],
-                   height_um: float, finer: bool = False) -> list[dict]:
+def simulate_pair(
+    simulate,
+    geometry: Geometry,
+    populations: Sequence[Population],
+    height_um: float,
+    finer: bool = False,
+) -> list[dict]:
     """Rows of `outcomes` of both cell types; one that cannot start has status "failed"."""
     found = []
     for population in populations:
@@ -148,14 +172,20 @@ def simulate_pair(simulate, geometry: Geometry, populations: Sequence[Population
 
 def _failed(geometry: Geometry, population: Population, height_um: float, reason: str) -> dict:
     return {
-        **{c.name: None for c in COLUMNS["outcomes"]}, **geometry.model_dump(),
+        **{c.name: None for c in COLUMNS["outcomes"]},
+        **geometry.model_dump(),
         **population.stiffness.model_dump(),
         "outcome_id": identifiers.outcome_id(identifiers.Pair(geometry, population.name)),
-        "stiffness_set": population.name, "pitch_um": geometry.pitch_um,
-        "row_shift_fraction": geometry.row_shift_fraction, "height_um": height_um,
-        "cell_radius_um": population.radius_um, "status": "failed", "stop_reason": reason,
-        "mode": "none", "deformation_index": population.deformation_index,
-    }  # fmt: skip
+        "stiffness_set": population.name,
+        "pitch_um": geometry.pitch_um,
+        "row_shift_fraction": geometry.row_shift_fraction,
+        "height_um": height_um,
+        "cell_radius_um": population.radius_um,
+        "status": "failed",
+        "stop_reason": reason,
+        "mode": "none",
+        "deformation_index": population.deformation_index,
+    }
 
 
 def _finer_runs(
@@ -166,8 +196,12 @@ def _finer_runs(
     Fills `finer` of pairs.
     Returns rows of `verifications`.
     """
-    parting = [(array, pair) for array, pair in pairs.items() if pair["role"] == "design"
-               and parts(pair["rows"], pair["difference"]["sigma_num_deg"]) is not False]
+    parting = [
+        (array, pair)
+        for array, pair in pairs.items()
+        if pair["role"] == "design"
+        and parts(pair["rows"], pair["difference"]["sigma_num_deg"]) is not False
+    ]
     parting.sort(key=lambda item: -abs(item[1]["difference"]["simulated_deg"]))
     height, records = task.chip.flow.height_um, []
     for array, pair in parting[:count]:
@@ -177,8 +211,16 @@ def _finer_runs(
         for row in compare(task, populations, geometry, pair["finer"]):
             # A check of the simulation; the surrogate has learnt from its outcome.
             row |= {"agrees": None, "verdict": "finer lattice: not predicted, only simulated"}
-            records.append({"request": task.request.name, "round": pair["round"], "role": "finer",
-                            "array": array, "height_um": height, **row})
+            records.append(
+                {
+                    "request": task.request.name,
+                    "round": pair["round"],
+                    "role": "finer",
+                    "array": array,
+                    "height_um": height,
+                    **row,
+                }
+            )
     return records
 
 
@@ -194,17 +236,28 @@ def _height_runs(task: Task, designs: pd.DataFrame, populations, simulate, left:
             break
         left -= 2
         height = task.chip.flow.height_um + offset
-        rows = compare(task, populations, geometry,
-                       simulate_pair(simulate, geometry, populations, height))
+        rows = compare(
+            task, populations, geometry, simulate_pair(simulate, geometry, populations, height)
+        )
         for row in rows:  # the surrogate knows one height: nothing was predicted for this one
             row |= {"agrees": None, "verdict": "height off: not predicted, only simulated"}
-        found += [{"request": request.name, "round": int(best["round"]), "role": "height",
-                   "array": int(best["array"]), "height_um": height, **row} for row in rows]
+        found += [
+            {
+                "request": request.name,
+                "round": int(best["round"]),
+                "role": "height",
+                "array": int(best["array"]),
+                "height_um": height,
+                **row,
+            }
+            for row in rows
+        ]
     return found
 
 
-def _with_heights(designs: pd.DataFrame, heights: Sequence[Mapping], height_um: float
-                  ) -> pd.DataFrame:
+def _with_heights(
+    designs: pd.DataFrame, heights: Sequence[Mapping], height_um: float
+) -> pd.DataFrame:
     """The table with the simulated separation of the best design at both heights."""
     if not heights:
         return designs
@@ -214,5 +267,6 @@ def _with_heights(designs: pd.DataFrame, heights: Sequence[Mapping], height_um: 
         if row["population"] == "difference" and row["simulated_deg"] is not None:
             side = "low" if row["height_um"] < height_um else "high"
             designs.loc[designs.index[0], f"separation_{side}_height_deg"] = (
-                order * row["simulated_deg"])
+                order * row["simulated_deg"]
+            )
     return designs

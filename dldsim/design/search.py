@@ -43,8 +43,9 @@ class Found(NamedTuple):
     slices: pd.DataFrame
 
 
-def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int,
-           each: Each | None = None) -> Found:
+def search(
+    surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int, each: Each | None = None
+) -> Found:
     """Ranked candidates and all trials of one request.
 
     Maximised is the request's objective over continuous P_r and P_g (to 10 nm) and whole N_p, by
@@ -74,8 +75,13 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int,
     else:
         import optuna
 
-        study, trials = _try(task, optuna.samplers.TPESampler(
-            n_startup_trials=request.startup_trials, multivariate=True, seed=seed), each)
+        study, trials = _try(
+            task,
+            optuna.samplers.TPESampler(
+                n_startup_trials=request.startup_trials, multivariate=True, seed=seed
+            ),
+            each,
+        )
         importance = _importance(study)
     feasible = trials[trials["feasible"]]
     if feasible.empty:
@@ -89,8 +95,11 @@ def search(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int,
         )
     designs = make_candidates(task, feasible)
     return Found(
-        designs, trials.drop(columns=["outside", "time_s"]), tolerances(task, designs),
-        importance.assign(request=request.name), slices(task, designs.iloc[0]),
+        designs,
+        trials.drop(columns=["outside", "time_s"]),
+        tolerances(task, designs),
+        importance.assign(request=request.name),
+        slices(task, designs.iloc[0]),
     )
 
 
@@ -110,9 +119,11 @@ def _try(
     def objective(trial: optuna.Trial) -> float:
         place = [
             _within(trial.suggest_float(name, *bounds), bounds)
-            for name, bounds in (("pillar_radius_um", request.pillar_radius_um),
-                                 ("gap_um", request.gap_um))
-        ]  # fmt: skip
+            for name, bounds in (
+                ("pillar_radius_um", request.pillar_radius_um),
+                ("gap_um", request.gap_um),
+            )
+        ]
         place.append(trial.suggest_int("periodicity", *request.periodicity))
         at = [np.array([v]) for v in place]
         limits = {name: float(np.squeeze(v)) for name, v in task.limits(*at).items()}
@@ -124,12 +135,18 @@ def _try(
         values = dict.fromkeys(VALUES, np.nan)
         if not broken:
             values = {name: float(v[0]) for name, v in task.values(*at).items()}
-        rows.append({
-            "request": request.name, "trial": trial.number,
-            **dict(zip(GEOMETRY, place, strict=True)), **values,
-            "feasible": not broken, "reason": "; ".join(broken), "outside": outside,
-            "time_s": perf_counter() - start,
-        })
+        rows.append(
+            {
+                "request": request.name,
+                "trial": trial.number,
+                **dict(zip(GEOMETRY, place, strict=True)),
+                **values,
+                "feasible": not broken,
+                "reason": "; ".join(broken),
+                "outside": outside,
+                "time_s": perf_counter() - start,
+            }
+        )
         if each is not None:
             each(rows[-1])
         if broken:
@@ -175,12 +192,18 @@ def _try_grid(task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
     for i in order[: min(GRID_CHECKED, int(maybe.sum()))]:
         outside[i] = task.outside(*(v[i].item() for v in place))
     names = np.array(list(limits))
-    trials = pd.DataFrame({
-        "request": task.request.name, "trial": np.arange(len(feasible)),
-        **dict(zip(GEOMETRY, place, strict=True)), **values, "feasible": feasible,
-        "reason": ["; ".join(names[column]) for column in broken.T],
-        "outside": outside, "time_s": perf_counter() - start,
-    })
+    trials = pd.DataFrame(
+        {
+            "request": task.request.name,
+            "trial": np.arange(len(feasible)),
+            **dict(zip(GEOMETRY, place, strict=True)),
+            **values,
+            "feasible": feasible,
+            "reason": ["; ".join(names[column]) for column in broken.T],
+            "outside": outside,
+            "time_s": perf_counter() - start,
+        }
+    )
     return trials, grid_importance(trials[maybe])
 
 
@@ -191,8 +214,13 @@ def grid_importance(trials: pd.DataFrame) -> pd.DataFrame:
     for name in GEOMETRY:
         means = trials.groupby(name)["value"].transform("mean")
         shares.append(means.var(ddof=0) / total if total > 0 else np.nan)
-    return pd.DataFrame({"parameter": GEOMETRY, "importance": shares,
-                         "evaluator": "share of the variance over the grid, main effect"})
+    return pd.DataFrame(
+        {
+            "parameter": GEOMETRY,
+            "importance": shares,
+            "evaluator": "share of the variance over the grid, main effect",
+        }
+    )
 
 
 def _importance(study: "optuna.Study") -> pd.DataFrame:
@@ -209,8 +237,13 @@ def _importance(study: "optuna.Study") -> pd.DataFrame:
         if len(values) > 1:
             found = get_param_importances(study, evaluator=PedAnovaImportanceEvaluator())
             known = known if equal else known | found
-    return pd.DataFrame({"parameter": GEOMETRY, "importance": [known[n] for n in GEOMETRY],
-                         "evaluator": "PED-ANOVA, best tenth of the trials"})
+    return pd.DataFrame(
+        {
+            "parameter": GEOMETRY,
+            "importance": [known[n] for n in GEOMETRY],
+            "evaluator": "PED-ANOVA, best tenth of the trials",
+        }
+    )
 
 
 def regret(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) -> pd.DataFrame:
@@ -228,7 +261,8 @@ def regret(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) 
     check(task)
     samplers = {
         "tpe": lambda seed: optuna.samplers.TPESampler(
-            n_startup_trials=request.startup_trials, multivariate=True, seed=seed),
+            n_startup_trials=request.startup_trials, multivariate=True, seed=seed
+        ),
         "random": lambda seed: optuna.samplers.RandomSampler(seed=seed),
     }
     looks = np.unique(np.geomspace(1, request.trials, REGRET_POINTS).round().astype(int))
@@ -239,25 +273,39 @@ def regret(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) 
             counts = trials["feasible"] & (trials["outside"] <= DOMAIN_TOLERANCE)
             best = trials["separation_deg"].where(counts, 0.0).cummax()
             rows += [
-                {"method": method, "repeat": repeat, "evaluations": int(n),
-                 "best_deg": best.iloc[n - 1], "time_s": trials["time_s"].iloc[n - 1]}
+                {
+                    "method": method,
+                    "repeat": repeat,
+                    "evaluations": int(n),
+                    "best_deg": best.iloc[n - 1],
+                    "time_s": trials["time_s"].iloc[n - 1],
+                }
                 for n in looks
-            ]  # fmt: skip
+            ]
     for steps in GRID_STEPS:
         start = perf_counter()
         evaluations, best = _exhaust(task, steps)
-        rows.append({"method": "grid", "repeat": 0, "evaluations": evaluations, "best_deg": best,
-                     "time_s": perf_counter() - start})
+        rows.append(
+            {
+                "method": "grid",
+                "repeat": 0,
+                "evaluations": evaluations,
+                "best_deg": best,
+                "time_s": perf_counter() - start,
+            }
+        )
     table = pd.DataFrame(rows)
-    return table.assign(request=request.name,
-                        regret_deg=table["best_deg"].max() - table["best_deg"])
+    return table.assign(
+        request=request.name, regret_deg=table["best_deg"].max() - table["best_deg"]
+    )
 
 
 def _exhaust(task: Task, steps: int) -> tuple[int, float]:
     """Points of a grid, and the largest separation [deg] among those that count; 0 for none."""
     place = task.grid(steps)
-    good = np.all([np.broadcast_to(v, len(place[0])) <= 0 for v in task.limits(*place).values()],
-                  axis=0)
+    good = np.all(
+        [np.broadcast_to(v, len(place[0])) <= 0 for v in task.limits(*place).values()], axis=0
+    )
     good &= task.may_be_inside(*place)
     first, second = task.angles(*place)
     separation = np.where(good, np.abs(second - first), -1.0)

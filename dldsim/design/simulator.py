@@ -55,8 +55,10 @@ class Simulator:
     ) -> dict:
         scene = self._at(geometry, height_um, finer)
         settings = {
-            **{name: getattr(scene, name).model_dump(mode="json")
-               for name in ("flow", "numerics", "control")},
+            **{
+                name: getattr(scene, name).model_dump(mode="json")
+                for name in ("flow", "numerics", "control")
+            },
             "cell": self._cell(population).model_dump(mode="json"),
             "stiffness": population.stiffness.model_dump(mode="json"),
             "geometry": geometry.model_dump(mode="json"),
@@ -69,13 +71,16 @@ class Simulator:
         [row] = read_rows("outcomes", files.outcome)
         sigma, basis = uncertainty.numerical_uncertainty(row, self.model)
         return {
-            **row, "deformation_index": population.deformation_index,
+            **row,
+            "deformation_index": population.deformation_index,
             "deformation_index_std": population.deformation_index_std,
-            "sigma_num_deg": sigma, "sigma_num_basis": basis,
-        }  # fmt: skip
+            "sigma_num_deg": sigma,
+            "sigma_num_basis": basis,
+        }
 
-    def name(self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
-             ) -> str:
+    def name(
+        self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
+    ) -> str:
         """Identifier of an outcome; another height than the campaign's is part of it, in nm, and
         so is a finer lattice."""
         name = population.name + "-finer" * finer
@@ -120,11 +125,20 @@ class Simulator:
             kept.keep(place, result)
 
         result = simulate_outcome(
-            geometry, population.stiffness, self._cell(population), scene.flow, scene.numerics,
-            scene.control, outcome_id=name, stiffness_set=name.rpartition("_s")[2],
-            empty_flow=self._empty_flow(geometry, scene), finished=finished, keep=keep,
-            observe=recorder, progress=self.progress,
-        )  # fmt: skip
+            geometry,
+            population.stiffness,
+            self._cell(population),
+            scene.flow,
+            scene.numerics,
+            scene.control,
+            outcome_id=name,
+            stiffness_set=name.rpartition("_s")[2],
+            empty_flow=self._empty_flow(geometry, scene),
+            finished=finished,
+            keep=keep,
+            observe=recorder,
+            progress=self.progress,
+        )
         write_outcome(result, files, settings)
         kept.remove()
 
@@ -160,8 +174,11 @@ def conditions(outcomes: pd.DataFrame, scene: Scene) -> None:
 
     Raises DldsimError that names what differs.
     """
-    wanted = {"cell_shape": scene.cell.shape, "height_um": scene.flow.height_um,
-              "mean_velocity_mm_s": scene.flow.mean_velocity_mm_s}
+    wanted = {
+        "cell_shape": scene.cell.shape,
+        "height_um": scene.flow.height_um,
+        "mean_velocity_mm_s": scene.flow.mean_velocity_mm_s,
+    }
     for name, value in wanted.items():
         if name not in outcomes:
             raise DldsimError(f"The table of outcomes lacks the column {name}.")
@@ -170,6 +187,9 @@ def conditions(outcomes: pd.DataFrame, scene: Scene) -> None:
             made = ", ".join(map(str, other))
             raise DldsimError(
                 f"The outcomes were made with {name} = {made}, the configuration has {value}. A "
-                "design holds only for what was simulated.", key=name, value=value, allowed=made,
+                "design holds only for what was simulated.",
+                key=name,
+                value=value,
+                allowed=made,
                 remedy="Give the configuration of that campaign with --config.",
-            )  # fmt: skip
+            )

@@ -12,8 +12,10 @@ from dldsim.design.chip import Chip
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
 
-CELL_TYPES = tuple(f"{key}_{i}" for i in "12" for key in ("deformation_index", "stiffness_set")
-                   ) + ("radius_1_um", "radius_2_um")  # fmt: skip
+CELL_TYPES = tuple(f"{key}_{i}" for i in "12" for key in ("deformation_index", "stiffness_set")) + (
+    "radius_1_um",
+    "radius_2_um",
+)
 """Settings that name the two cell types."""
 EXCEEDED_BY = 0.9
 """Share of the Monte Carlo draws whose separation is larger than the robust one."""
@@ -72,19 +74,22 @@ class Task:
         Deformation indices drawn beyond the training data are taken at its edge.
         """
         off_radius, off_gap, *normal = self.draws
-        radius, gap, periodicity = (np.asarray(v, float)[:, None]
-                                    for v in (radius, gap, periodicity))
+        radius, gap, periodicity = (
+            np.asarray(v, float)[:, None] for v in (radius, gap, periodicity)
+        )
         errors = self.half_widths(radius[:, 0], gap[:, 0], periodicity[:, 0])
         radius = np.maximum(radius + self.request.tolerance_um * off_radius, 1e-3)
         gap = np.maximum(gap + self.request.tolerance_um * off_gap, 1e-3)
         periodicity = np.broadcast_to(periodicity, radius.shape)
         angles = []
         for k, (index, cell) in enumerate(self.cells):
-            drawn = np.clip(index + self.spreads[k] * normal[k],
-                            *self.surrogate.deformation_index_range)
+            drawn = np.clip(
+                index + self.spreads[k] * normal[k], *self.surrogate.deformation_index_range
+            )
             drawn = np.broadcast_to(drawn, radius.shape)
-            angle = self.surrogate.predict(*(v.ravel() for v in (radius, gap, periodicity, drawn)),
-                                           cell).reshape(radius.shape)
+            angle = self.surrogate.predict(
+                *(v.ravel() for v in (radius, gap, periodicity, drawn)), cell
+            ).reshape(radius.shape)
             angles.append(angle + errors[k][:, None] / NORMAL_HALF_WIDTH * normal[2 + k])
         return np.stack(angles)
 
@@ -108,8 +113,12 @@ class Task:
         value = separation
         if self.request.objective == "robust":
             value = self.robust(radius, gap, periodicity)[1]
-        return {"angle_1_deg": first, "angle_2_deg": second, "separation_deg": separation,
-                "value": value}
+        return {
+            "angle_1_deg": first,
+            "angle_2_deg": second,
+            "separation_deg": separation,
+            "value": value,
+        }
 
     def length_mm(self, angle_1_deg, angle_2_deg) -> np.ndarray:
         """Array length that parts the cell types by the wanted distance; infinite for none."""
@@ -133,19 +142,24 @@ class Task:
 
     def outside(self, radius: float, gap: float, periodicity: int) -> float:
         """Distance outside the training geometries, of the cell type for which it is larger."""
-        return max(self.surrogate.distance_outside(radius, gap, periodicity, cell)
-                   for cell in self.radii)
+        return max(
+            self.surrogate.distance_outside(radius, gap, periodicity, cell) for cell in self.radii
+        )
 
     def may_be_inside(self, radius, gap, periodicity) -> np.ndarray:
         """False where `outside` surely exceeds DOMAIN_TOLERANCE, (n,)."""
-        return np.all([self.surrogate.may_be_inside(radius, gap, periodicity, cell)
-                       for cell in self.radii], axis=0)
+        return np.all(
+            [self.surrogate.may_be_inside(radius, gap, periodicity, cell) for cell in self.radii],
+            axis=0,
+        )
 
     def grid(self, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All combinations of so many P_r and P_g within the bounds with every N_p, (n,) each."""
         low, high = self.request.periodicity
-        lengths = (np.unique(np.linspace(*bounds, steps).round(DECIMALS))
-                   for bounds in (self.request.pillar_radius_um, self.request.gap_um))
+        lengths = (
+            np.unique(np.linspace(*bounds, steps).round(DECIMALS))
+            for bounds in (self.request.pillar_radius_um, self.request.gap_um)
+        )
         axes = (*lengths, np.arange(low, high + 1))
         return tuple(v.ravel() for v in np.meshgrid(*axes, indexing="ij"))
 
@@ -168,11 +182,13 @@ def violations(request: DesignRequest, chip: Chip, pillar_radius_um, gap_um) -> 
         squeezed_width_um(request.radius_2_um, request.deformation_index_2),
     )
     return {
-        "gap must exceed pillar radius + safety distance":
-            pillar_radius_um + chip.safety_distance_um + TINY - gap_um,
+        "gap must exceed pillar radius + safety distance": pillar_radius_um
+        + chip.safety_distance_um
+        + TINY
+        - gap_um,
         "gap must pass the squeezed cells": width - gap_um,
-        "pillars must not be too slender":
-            chip.flow.height_um / (2 * pillar_radius_um) - request.pillar_aspect_ratio_max,
+        "pillars must not be too slender": chip.flow.height_um / (2 * pillar_radius_um)
+        - request.pillar_aspect_ratio_max,
     }
 
 
@@ -186,29 +202,39 @@ def check(task: Task) -> None:
             key, allowed = f"deformation_index_{i}", f"{low:.4g} to {high:.4g}"
             raise DldsimError(
                 f"{name}: {key} = {index} is outside the training data of the surrogate, "
-                f"{allowed}.", key=key, value=index, allowed=allowed,
+                f"{allowed}.",
+                key=key,
+                value=index,
+                allowed=allowed,
                 remedy="Choose one inside, or a campaign that reaches it.",
-            )  # fmt: skip
+            )
     if task.cells[0] == task.cells[1]:
         index, radius = task.cells[0]
         raise DldsimError(
             f"{name}: both cell types have deformation index {index:g} and radius {radius:g} µm; "
-            "no array separates equals.", key=CELL_TYPES, value=index,
-            allowed="different cell types", remedy="Change one of them.",
-        )  # fmt: skip
+            "no array separates equals.",
+            key=CELL_TYPES,
+            value=index,
+            allowed="different cell types",
+            remedy="Change one of them.",
+        )
     # the widest gap beside the thinnest pillar that is not too slender meets every constraint if
     # anything does
     slender = chip.flow.height_um / (2 * request.pillar_aspect_ratio_max)
     thinnest = min(max(request.pillar_radius_um[0], slender), request.pillar_radius_um[1])
     widest = request.gap_um[1]
-    broken = {text: value for text, value in
-              violations(request, chip, thinnest, widest).items() if value > 0}
+    broken = {
+        text: value
+        for text, value in violations(request, chip, thinnest, widest).items()
+        if value > 0
+    }
     if broken:
         texts = "; ".join(f"{text} (by {value:.3g})" for text, value in broken.items())
         raise DldsimError(
             f"{name}: no geometry within the bounds is feasible. Even at pillar_radius_um = "
             f"{thinnest:g} and gap_um = {widest:g}: {texts}.",
-            key=("gap_um", "pillar_radius_um"), value=(request.gap_um, request.pillar_radius_um),
+            key=("gap_um", "pillar_radius_um"),
+            value=(request.gap_um, request.pillar_radius_um),
             allowed="bounds that hold a feasible geometry",
             remedy="Raise the upper bound of gap_um or widen the bounds of pillar_radius_um.",
         )
@@ -216,9 +242,12 @@ def check(task: Task) -> None:
         raise DldsimError(
             f"{name}: pressure_max_kPa = {request.pressure_max_kPa:g} needs the flows without a "
             "cell of the campaign (flows.parquet) to know the pressure drop, and "
-            f"{chip.no_resistance}.", key="pressure_max_kPa", value=request.pressure_max_kPa,
-            allowed="none, without these flows", remedy="Leave the limit out.",
-        )  # fmt: skip
+            f"{chip.no_resistance}.",
+            key="pressure_max_kPa",
+            value=request.pressure_max_kPa,
+            allowed="none, without these flows",
+            remedy="Leave the limit out.",
+        )
 
 
 def fixed(request: DesignRequest) -> set[str]:

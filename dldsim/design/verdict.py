@@ -17,45 +17,68 @@ SIGMAS = 2
 """Numerical uncertainties that a simulated separation must exceed to count as one."""
 
 
-def compare(task: Task, populations: Sequence[Population], geometry: Geometry,
-            found: Sequence[Mapping]) -> list[dict]:
+def compare(
+    task: Task, populations: Sequence[Population], geometry: Geometry, found: Sequence[Mapping]
+) -> list[dict]:
     """Prediction and simulation of both cell types and of their difference; `verifications`."""
     place = [getattr(geometry, name) for name in GEOMETRY]
     angles = [float(a[0]) for a in task.angles(*place)]
     half = [float(h[0]) for h in task.half_widths(*place)]
-    inside = [
-        bool(task.surrogate.inside_domain(*place, *cell)[0]) for cell in task.cells
-    ]  # fmt: skip
+    inside = [bool(task.surrogate.inside_domain(*place, *cell)[0]) for cell in task.cells]
     rows = []
     for k, population in enumerate(populations):
         row = found[k]
-        rows.append(_judged({
-            "population": str(population.number), **geometry.model_dump(),
-            "outcome_id": row["outcome_id"], "deformation_index": population.deformation_index,
-            "cell_radius_um": population.radius_um, "ks_uN_per_m": population.stiffness.ks_uN_per_m,
-            "stiffness_basis": population.basis, "predicted_deg": angles[k],
-            "simulated_deg": row["migration_angle_deg"], "sigma_num_deg": row["sigma_num_deg"],
-            "predicted_mode": mode_of(angles[k], geometry.row_shift_fraction), "mode": row["mode"],
-            "status": row["status"], "wall_time_s": row["wall_time_s"],
-            "note": _note(row),
-        }, half[k], inside[k]))  # fmt: skip
+        rows.append(
+            _judged(
+                {
+                    "population": str(population.number),
+                    **geometry.model_dump(),
+                    "outcome_id": row["outcome_id"],
+                    "deformation_index": population.deformation_index,
+                    "cell_radius_um": population.radius_um,
+                    "ks_uN_per_m": population.stiffness.ks_uN_per_m,
+                    "stiffness_basis": population.basis,
+                    "predicted_deg": angles[k],
+                    "simulated_deg": row["migration_angle_deg"],
+                    "sigma_num_deg": row["sigma_num_deg"],
+                    "predicted_mode": mode_of(angles[k], geometry.row_shift_fraction),
+                    "mode": row["mode"],
+                    "status": row["status"],
+                    "wall_time_s": row["wall_time_s"],
+                    "note": _note(row),
+                },
+                half[k],
+                inside[k],
+            )
+        )
     first, second = found
     known = [r["migration_angle_deg"] is not None for r in found]
     sigmas = [r["sigma_num_deg"] for r in found]
-    rows.append(_judged({
-        "population": "difference", **geometry.model_dump(),
-        "outcome_id": f"{first['outcome_id']}, {second['outcome_id']}", "deformation_index": None,
-        "cell_radius_um": None, "ks_uN_per_m": None, "stiffness_basis": "",
-        "predicted_deg": angles[1] - angles[0],
-        "simulated_deg":
-            second["migration_angle_deg"] - first["migration_angle_deg"] if all(known) else None,
-        "sigma_num_deg": None if None in sigmas else math.hypot(*sigmas),
-        "predicted_mode": ", ".join(r["predicted_mode"] for r in rows),
-        "mode": ", ".join(r["mode"] for r in found),
-        "status": ", ".join(r["status"] for r in found),
-        "wall_time_s": sum(r["wall_time_s"] or 0.0 for r in found),
-        "note": "; ".join(dict.fromkeys(r["note"] for r in rows if r["note"])),
-    }, math.hypot(*half), all(inside)))  # fmt: skip
+    rows.append(
+        _judged(
+            {
+                "population": "difference",
+                **geometry.model_dump(),
+                "outcome_id": f"{first['outcome_id']}, {second['outcome_id']}",
+                "deformation_index": None,
+                "cell_radius_um": None,
+                "ks_uN_per_m": None,
+                "stiffness_basis": "",
+                "predicted_deg": angles[1] - angles[0],
+                "simulated_deg": second["migration_angle_deg"] - first["migration_angle_deg"]
+                if all(known)
+                else None,
+                "sigma_num_deg": None if None in sigmas else math.hypot(*sigmas),
+                "predicted_mode": ", ".join(r["predicted_mode"] for r in rows),
+                "mode": ", ".join(r["mode"] for r in found),
+                "status": ", ".join(r["status"] for r in found),
+                "wall_time_s": sum(r["wall_time_s"] or 0.0 for r in found),
+                "note": "; ".join(dict.fromkeys(r["note"] for r in rows if r["note"])),
+            },
+            math.hypot(*half),
+            all(inside),
+        )
+    )
     return rows
 
 
@@ -79,8 +102,13 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
         if agrees and row["population"] == "difference" and low <= 0 <= high:
             agrees = None
             verdict = f"{UNINFORMATIVE}: its interval, {low:.2f} to {high:.2f}°, includes zero"
-    return {**row, "predicted_low_deg": low, "predicted_high_deg": high, "agrees": agrees,
-            "verdict": verdict}
+    return {
+        **row,
+        "predicted_low_deg": low,
+        "predicted_high_deg": high,
+        "agrees": agrees,
+        "verdict": verdict,
+    }
 
 
 def _note(row: Mapping[str, Any]) -> str:
@@ -148,7 +176,9 @@ def separated(
 
 
 def design_verdict(
-    difference: Mapping[str, Any], found: Sequence[Mapping], finer: Sequence[Mapping] | None,
+    difference: Mapping[str, Any],
+    found: Sequence[Mapping],
+    finer: Sequence[Mapping] | None,
     separates: bool | None,
 ) -> str:
     """Whether it separates, at which settings, whether that was predicted, and what is open."""
@@ -159,11 +189,17 @@ def design_verdict(
     if separates:
         words = f"separates by {size}, {_settings(finer)} as well"
     elif finer is not None:
-        words = (f"open: {abs(simulated):.2f}°, {_settings(finer)}, undecided" if separates is None
-                 else f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}")
+        words = (
+            f"open: {abs(simulated):.2f}°, {_settings(finer)}, undecided"
+            if separates is None
+            else f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}"
+        )
     elif separates is None and parts(found, sigma) is None:
-        why = _undecided(found) or ("numerical uncertainty not studied" if sigma is None else
-                                    f"near a transition, σ_num {sigma:.2f}° reaches another mode")
+        why = _undecided(found) or (
+            "numerical uncertainty not studied"
+            if sigma is None
+            else f"near a transition, σ_num {sigma:.2f}° reaches another mode"
+        )
         words = f"open, {abs(simulated):.2f}°: {why}"
     elif separates is None:
         words = f"separates by {size} at this setting; not confirmed at a finer one"
@@ -185,8 +221,11 @@ def _settings(finer: Sequence[Mapping]) -> str:
 
 def _undecided(found: Sequence[Mapping]) -> str:
     """Which of two outcomes are not decided, in words; empty: none."""
-    return " and ".join(f"cell type {i} is {row['status']}" for i, row in enumerate(found, 1)
-                        if row["status"] != "decided")
+    return " and ".join(
+        f"cell type {i} is {row['status']}"
+        for i, row in enumerate(found, 1)
+        if row["status"] != "decided"
+    )
 
 
 def _why_not(found: Sequence[Mapping], simulated: float, sigma: float | None) -> str:

@@ -77,32 +77,45 @@ def design_table(
             basis = "flow without a cell, solved for this array"
             if length is not None:
                 pressure = float(
-                    chip.pressure_kPa(flow["drag_over_mu_U"], geometry.pitch_um, length))
+                    chip.pressure_kPa(flow["drag_over_mu_U"], geometry.pitch_um, length)
+                )
         finer = pair.get("finer")
         separates = separated(pair["rows"], sigma, finer)
-        rows.append({
-            "request": request.name, "array": array, "round": pair["round"],
-            **geometry.model_dump(),
-            "separation_deg": None if simulated is None else abs(simulated),
-            "sigma_num_deg": sigma,
-            **{f"{key}_{i}": row[name] for i, row in ((1, first), (2, second))
-               for key, name in (("mode", "mode"), ("status", "status"))},
-            "angle_1_deg": first["migration_angle_deg"],
-            "angle_2_deg": second["migration_angle_deg"],
-            "predicted_separation_deg": abs(difference["predicted_deg"]),
-            "uncertainty_deg": design["uncertainty_deg"],
-            "length_mm": length, "pressure_drop_kPa": pressure,
-            "permeability_over_pitch2": permeability, "pressure_basis": basis,
-            "throughput_uL_per_h": chip.throughput_uL_per_h,
-            "agrees": difference["agrees"], "separates": separates,
-            "separation_finer_deg":
-                difference_of(finer) and towards(simulated, difference_of(finer)),
-            "finer_spacing_um": finer and finer[0]["spacing_um"],
-            "finer_lag_number": finer and max(r["lag_number"] or 0.0 for r in finer),
-            "verdict": design_verdict(difference, pair["rows"], finer, separates),
-            "stop": stop.value, "stopped": stopped,
-            "separation_low_height_deg": None, "separation_high_height_deg": None,
-        })  # fmt: skip
+        rows.append(
+            {
+                "request": request.name,
+                "array": array,
+                "round": pair["round"],
+                **geometry.model_dump(),
+                "separation_deg": None if simulated is None else abs(simulated),
+                "sigma_num_deg": sigma,
+                **{
+                    f"{key}_{i}": row[name]
+                    for i, row in ((1, first), (2, second))
+                    for key, name in (("mode", "mode"), ("status", "status"))
+                },
+                "angle_1_deg": first["migration_angle_deg"],
+                "angle_2_deg": second["migration_angle_deg"],
+                "predicted_separation_deg": abs(difference["predicted_deg"]),
+                "uncertainty_deg": design["uncertainty_deg"],
+                "length_mm": length,
+                "pressure_drop_kPa": pressure,
+                "permeability_over_pitch2": permeability,
+                "pressure_basis": basis,
+                "throughput_uL_per_h": chip.throughput_uL_per_h,
+                "agrees": difference["agrees"],
+                "separates": separates,
+                "separation_finer_deg": difference_of(finer)
+                and towards(simulated, difference_of(finer)),
+                "finer_spacing_um": finer and finer[0]["spacing_um"],
+                "finer_lag_number": finer and max(r["lag_number"] or 0.0 for r in finer),
+                "verdict": design_verdict(difference, pair["rows"], finer, separates),
+                "stop": stop.value,
+                "stopped": stopped,
+                "separation_low_height_deg": None,
+                "separation_high_height_deg": None,
+            }
+        )
     names = TABLES["verified_designs"].names
     table = pd.DataFrame(rows, columns=[c for c in names if c not in LATER])
     if table.empty:
@@ -112,32 +125,50 @@ def design_table(
     predicted = table.assign(angle_1_deg=angles[0], angle_2_deg=angles[1])
     least, largest = over_tolerance(task, predicted)
     drawn = task.drawn(*place)
-    shift = np.array([
-        [[mode_of(a, 1 / n) != mode_of(at, 1 / n) for a in row]
-         for row, n, at in zip(cell, place[2], nominal, strict=True)]
-        for cell, nominal in zip(drawn, angles, strict=True)
-    ])  # fmt: skip
+    shift = np.array(
+        [
+            [
+                [mode_of(a, 1 / n) != mode_of(at, 1 / n) for a in row]
+                for row, n, at in zip(cell, place[2], nominal, strict=True)
+            ]
+            for cell, nominal in zip(drawn, angles, strict=True)
+        ]
+    )
     table = table.assign(
-        separation_tolerance_min_deg=least, separation_tolerance_max_deg=largest,
+        separation_tolerance_min_deg=least,
+        separation_tolerance_max_deg=largest,
         robust_separation_deg=task.robust(*place)[0],
         mode_change_probability=shift.any(axis=0).mean(axis=1),
     )
     value = table["separation_deg"].astype(float).fillna(-1.0)
     table = table.assign(value=value, inside_training_domain=value >= 0).sort_values(
-        "value", ascending=False, kind="stable", ignore_index=True)
+        "value", ascending=False, kind="stable", ignore_index=True
+    )
     sigma = table["sigma_num_deg"].astype(float)
     table["rank"] = ranks_of(table.assign(sigma_num_deg=sigma), "value")
     table["name"] = [f"{request.name}-{k}" for k in range(1, len(table) + 1)]
     return table[names]
 
 
-LATER = ("rank", "name", "separation_tolerance_min_deg", "separation_tolerance_max_deg",
-         "robust_separation_deg", "mode_change_probability")
+LATER = (
+    "rank",
+    "name",
+    "separation_tolerance_min_deg",
+    "separation_tolerance_max_deg",
+    "robust_separation_deg",
+    "mode_change_probability",
+)
 
 
 def export(
-    verdicts: Verdicts, request: DesignRequest, chip: Chip, simulator: Simulator, count: int,
-    directory: Path, about: Mapping[str, Any], card: Mapping[str, Any],
+    verdicts: Verdicts,
+    request: DesignRequest,
+    chip: Chip,
+    simulator: Simulator,
+    count: int,
+    directory: Path,
+    about: Mapping[str, Any],
+    card: Mapping[str, Any],
 ) -> dict[str, dict[str, Path]]:
     """Files of the best verified designs, by name; those without both angles have none."""
     written = {}
@@ -147,17 +178,26 @@ def export(
             continue
         of_design = table[(table["array"] == design["array"]) & (table["role"] == "design")]
         predicted = of_design.set_index("population")["predicted_deg"]
-        passages = [simulator.passage(verdicts.rows[name])
-                    for name in of_design["outcome_id"][of_design["population"] != "difference"]]
+        passages = [
+            simulator.passage(verdicts.rows[name])
+            for name in of_design["outcome_id"][of_design["population"] != "difference"]
+        ]
         values = {key: value for key, value in design.items() if key not in ("name", "array")} | {
-            "angle_1_deg": predicted["1"], "angle_2_deg": predicted["2"],
+            "angle_1_deg": predicted["1"],
+            "angle_2_deg": predicted["2"],
             "simulated_angle_1_deg": design["angle_1_deg"],
             "simulated_angle_2_deg": design["angle_2_deg"],
-        }  # fmt: skip
+        }
         written[design["name"]] = export_design(
-            design["name"], values, request, chip.device, directory, about=about, card=card,
+            design["name"],
+            values,
+            request,
+            chip.device,
+            directory,
+            about=about,
+            card=card,
             verified=passages,
-        )  # fmt: skip
+        )
     return written
 
 

@@ -114,7 +114,8 @@ def changes(variant: Variant, config: Config) -> dict[str, Any]:
     quantity = quantity_of(variant.run)
     study = getattr(config.accuracy, quantity)
     changed = {
-        DEFAULT: dict, LONG: lambda: {"min_rows": study.long_rows, "max_rows": study.long_rows},
+        DEFAULT: dict,
+        LONG: lambda: {"min_rows": study.long_rows, "max_rows": study.long_rows},
         SETTING: lambda: dict([*study.alternatives.values()][variant.rank]),
         REFERENCE: lambda: dict(study.reference),
     }.get(variant.knob, lambda: {variant.knob: study.knobs[variant.knob][variant.rank]})()
@@ -186,11 +187,16 @@ def replay(row: Mapping[str, Any], tolerance: float, max_rows: int) -> dict[str,
         return dict(row)
     share = rows / last
     return {
-        **row, "status": result.status, "mode": result.mode, "rows_completed": rows,
+        **row,
+        "status": result.status,
+        "mode": result.mode,
+        "rows_completed": rows,
         "migration_angle_deg": result.migration_angle_deg,
-        "angle_low_deg": result.angle_low_deg, "angle_high_deg": result.angle_high_deg,
-        "wall_time_s": row["wall_time_s"] * share, "steps": round(row["steps"] * share),
-    }  # fmt: skip
+        "angle_low_deg": result.angle_low_deg,
+        "angle_high_deg": result.angle_high_deg,
+        "wall_time_s": row["wall_time_s"] * share,
+        "steps": round(row["steps"] * share),
+    }
 
 
 def table(rows: Iterable[tuple[Variant, Mapping[str, Any]]], config: Config) -> list[dict]:
@@ -208,8 +214,10 @@ def table(rows: Iterable[tuple[Variant, Mapping[str, Any]]], config: Config) -> 
         cases = getattr(config.accuracy, quantity).cases
         named = cases.items() if quantity == ANGLE else [(group, group) for group in cases]
         for case, run in named:
-            points = [p | {"quantity": quantity, "case": case, "run": run}
-                      for p in _points(run, quantity, runs, config)]
+            points = [
+                p | {"quantity": quantity, "case": case, "run": run}
+                for p in _points(run, quantity, runs, config)
+            ]
             result += _compared(points)
     return result
 
@@ -229,8 +237,14 @@ def _points(run: str, quantity: str, runs: Mapping, config: Config) -> list[dict
         return [runs[Variant(run, knob, rank, start)] for start in range(count)]
 
     def point(kind, knob, rank, value, rows, is_default, is_reference) -> dict:
-        return {"kind": kind, "knob": knob, "rank": rank, "setting": json.dumps(value),
-                "is_default": is_default, "is_reference": is_reference} | _mean(rows, quantity)
+        return {
+            "kind": kind,
+            "knob": knob,
+            "rank": rank,
+            "setting": json.dumps(value),
+            "is_default": is_default,
+            "is_reference": is_reference,
+        } | _mean(rows, quantity)
 
     points = []
     for knob, values in study.knobs.items():
@@ -242,20 +256,23 @@ def _points(run: str, quantity: str, runs: Mapping, config: Config) -> list[dict
                 stop = control | {knob: value}
                 seen = [replay(r, stop["orbit_tolerance"], stop["max_rows"]) for r in long]
                 points.append(point("knob", knob, rank, value, seen, value == default, False))
-            points.append(point("knob", knob, len(values), f"all {study.long_rows} rows", long,
-                                False, True))
+            points.append(
+                point("knob", knob, len(values), f"all {study.long_rows} rows", long, False, True)
+            )
             continue
         for rank, value in enumerate(values):
             rows = of(DEFAULT) if value == default else of(knob, rank)
-            points.append(point("knob", knob, rank, value, rows, value == default,
-                                rank == len(values) - 1))
+            points.append(
+                point("knob", knob, rank, value, rows, value == default, rank == len(values) - 1)
+            )
     whole = {DEFAULT: {}, **study.alternatives}
     for rank, (name, value) in enumerate(whole.items()):
         rows = of(SETTING, rank - 1) if rank else of(DEFAULT)
         points.append(point(SETTING, name, rank, value, rows, rank == 0, False))
     if study.reference:
-        points.append(point(SETTING, REFERENCE, len(whole), study.reference, of(REFERENCE), False,
-                            True))
+        points.append(
+            point(SETTING, REFERENCE, len(whole), study.reference, of(REFERENCE), False, True)
+        )
     return points
 
 
@@ -283,10 +300,13 @@ def _mean(rows: Sequence[Mapping], quantity: str) -> dict:
         "status": "/".join(dict.fromkeys(row["status"] for row in rows)),
         "settled": all(row["status"] in SETTLED for row in rows),
         "half_width_deg": None if None in widths else mean(widths),
-        "rows": average("rows_completed"), "wall_time_s": average("wall_time_s"),
-        "steps": whole("steps"), "nodes": whole("nodes"), "vertices": whole("vertices"),
+        "rows": average("rows_completed"),
+        "wall_time_s": average("wall_time_s"),
+        "steps": whole("steps"),
+        "nodes": whole("nodes"),
+        "vertices": whole("vertices"),
         "spacing_um": average("spacing_um"),
-    }  # fmt: skip
+    }
 
 
 def _compared(points: list[dict]) -> list[dict]:
@@ -310,6 +330,12 @@ def _compared(points: list[dict]) -> list[dict]:
             known = point["value"] is not None and target is not None
             errors[name] = abs(point["value"] - target) if known else None
             errors[f"{name}_share"] = errors[name] / scale if known and scale else None
-        result.append({**point, **errors, "noise": noise,
-                       "noise_share": noise / scale if noise is not None and scale else None})
+        result.append(
+            {
+                **point,
+                **errors,
+                "noise": noise,
+                "noise_share": noise / scale if noise is not None and scale else None,
+            }
+        )
     return result

@@ -64,9 +64,20 @@ def drag_over_radius(radius: float) -> float:
 
 @jit
 def push_steadily(
-    steps, push, f, f_new, force, velocity, streaming, parameters, inertia, buf, stencil,
-    vertex_velocity, kick,
-):  # fmt: skip
+    steps,
+    push,
+    f,
+    f_new,
+    force,
+    velocity,
+    streaming,
+    parameters,
+    inertia,
+    buf,
+    stencil,
+    vertex_velocity,
+    kick,
+):
     """An even number of steps of a fluid under the vertex forces ``push`` (V, 3)."""
     force[:] = 0.0
     spread(push, stencil, force)
@@ -105,10 +116,20 @@ def lag_under_traction(
     push, vertex_velocity, kick = (np.zeros_like(normal) for _ in range(3))
     push[:, 0] = total * share
     push_steadily(
-        2 * round(DIFFUSION_TIMES * width**2 / nu / 8), push, fluid.f, fluid.f_new, fluid.force,
-        fluid.velocity, lattice.streaming, fluid.parameters, False, fluid.buffer, stencil,
-        vertex_velocity, kick,
-    )  # fmt: skip
+        2 * round(DIFFUSION_TIMES * width**2 / nu / 8),
+        push,
+        fluid.f,
+        fluid.f_new,
+        fluid.force,
+        fluid.velocity,
+        lattice.streaming,
+        fluid.parameters,
+        False,
+        fluid.buffer,
+        stencil,
+        vertex_velocity,
+        kick,
+    )
     vertex_velocity -= fluid.mean_velocity()
     drag = total / (6 * np.pi * nu * width)  # a K/L times the velocity
     expected = np.array([drag / drag_over_radius(radius / width), 0.0, 0.0])

@@ -25,8 +25,9 @@ def reference_path(name: str, folder: Path | None = None) -> Path:
         lines = (folder / CHECKSUMS).read_text(encoding="utf-8").splitlines()
         content = path.read_bytes()
     except OSError as error:
-        raise DldsimError(f"Reference file {error.filename} cannot be read: {error.strerror}. "
-                          f"{REMEDY}") from error
+        raise DldsimError(
+            f"Reference file {error.filename} cannot be read: {error.strerror}. {REMEDY}"
+        ) from error
     sums = {file: digest for digest, file in (line.split() for line in lines)}
     if name not in sums:
         raise DldsimError(f"Reference file {path} is not listed in {CHECKSUMS}. {REMEDY}")

@@ -46,8 +46,11 @@ def pairs(config: Config) -> list[tuple[str, str]]:
 def study_numerics(name: str, config: Config) -> dict[str, Any]:
     """The section `numerics` of a pair, as plain values."""
     study = config.reference
-    changed = {CAMPAIGN: {}, REFERENCE: study.numerics.model_dump(),
-               FINEST: study.finest_numerics.model_dump()}  # fmt: skip
+    changed = {
+        CAMPAIGN: {},
+        REFERENCE: study.numerics.model_dump(),
+        FINEST: study.finest_numerics.model_dump(),
+    }
     return config.numerics.model_dump(mode="json") | changed[name]
 
 
@@ -61,8 +64,10 @@ def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
     if name == CAMPAIGN:
         common["run_control"] = config.run_control.model_dump(mode="json")
     else:
-        common["run_control"] |= {"max_rows": study.rows,
-                                  "outcome_rows_max": study.rows * len(study.releases)}
+        common["run_control"] |= {
+            "max_rows": study.rows,
+            "outcome_rows_max": study.rows * len(study.releases),
+        }
     return {
         "geometry": geometry.model_dump(mode="json"),
         "stiffness_set": stiffness_set,
@@ -137,10 +142,14 @@ def transitions(study: Reference) -> list[CriticalGap]:
     spheres = []
     for periodicity in study.critical_diameters.periodicities:
         gap = 2 * study.critical_diameters.radius_um / critical_diameter(1, 1 / periodicity)
-        spheres.append(CriticalGap(
-            pillar_radius_um=round(gap / 2, 1), periodicity=periodicity, stiffness_set=SPHERE,
-            bracket_um=tuple(round(gap * share, 1) for share in BRACKET_OF_LAW),
-        ))  # fmt: skip
+        spheres.append(
+            CriticalGap(
+                pillar_radius_um=round(gap / 2, 1),
+                periodicity=periodicity,
+                stiffness_set=SPHERE,
+                bracket_um=tuple(round(gap * share, 1) for share in BRACKET_OF_LAW),
+            )
+        )
     return [*study.critical_gaps, *spheres]
 
 
@@ -167,20 +176,28 @@ def _knobs(study: Reference) -> dict[str, list[float]]:
 
 
 def _array(search: Search, gap_um: float) -> Geometry:
-    return Geometry(pillar_radius_um=search.pillar_radius_um, gap_um=gap_um,
-                    periodicity=search.periodicity)
+    return Geometry(
+        pillar_radius_um=search.pillar_radius_um, gap_um=gap_um, periodicity=search.periodicity
+    )
 
 
 def search_settings(search: Search, config: Config) -> dict[str, Any]:
     """Everything that a search depends on, as plain values."""
     study = config.reference
-    [bracket] = [gap.bracket_um for gap in transitions(study)
-                 if (gap.pillar_radius_um, gap.periodicity, gap.stiffness_set) == search[:3]]
+    [bracket] = [
+        gap.bracket_um
+        for gap in transitions(study)
+        if (gap.pillar_radius_um, gap.periodicity, gap.stiffness_set) == search[:3]
+    ]
     numerics = config.numerics.model_dump(mode="json")
     if search.knob != CAMPAIGN:
         numerics[search.knob] = _knobs(study)[search.knob][search.rank]
-    settings = {"bracket_um": list(bracket), "numerics": numerics, **_common(config),
-                "stiffness_set": search.stiffness_set}
+    settings = {
+        "bracket_um": list(bracket),
+        "numerics": numerics,
+        **_common(config),
+        "stiffness_set": search.stiffness_set,
+    }
     if search.stiffness_set == SPHERE:
         sphere = study.critical_diameters
         settings["cell"] |= {"shape": "sphere", "radius_um": sphere.radius_um}
@@ -321,7 +338,10 @@ Simulate = Callable[[Geometry, Mapping[str, Any]], Row]
 
 
 def advance(
-    search: Search, points: Sequence[Row], settings: Mapping[str, Any], simulate: Simulate,
+    search: Search,
+    points: Sequence[Row],
+    settings: Mapping[str, Any],
+    simulate: Simulate,
     start: Start | None = None,
 ) -> list[Row]:
     """The points of a search and one more; as they are where the search has ended.
@@ -334,15 +354,29 @@ def advance(
     outcome = simulate(_array(search, gap), held_numerics(search, gap, settings))
     height = settings["flow"]["height_um"]
     spacing = outcome["spacing_um"]
-    return [*points, {
-        "search": search_id(search), "number": len(points), "gap_um": gap,
-        "side": side_of(outcome), "height_on_lattice_um": round(height / spacing) * spacing,
-        **{key: outcome[key] for key in COPIED},
-    }]  # fmt: skip
+    return [
+        *points,
+        {
+            "search": search_id(search),
+            "number": len(points),
+            "gap_um": gap,
+            "side": side_of(outcome),
+            "height_on_lattice_um": round(height / spacing) * spacing,
+            **{key: outcome[key] for key in COPIED},
+        },
+    ]
 
 
-COPIED = ("transition_distance", "status", "mode", "migration_angle_deg", "spacing_um",
-          "lag_number", "releases", "wall_time_s")  # fmt: skip
+COPIED = (
+    "transition_distance",
+    "status",
+    "mode",
+    "migration_angle_deg",
+    "spacing_um",
+    "lag_number",
+    "releases",
+    "wall_time_s",
+)
 
 
 def result(search: Search, points: Sequence[Row], settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -363,20 +397,28 @@ def result(search: Search, points: Sequence[Row], settings: Mapping[str, Any]) -
 
     cell = settings["cell"]
     return {
-        "search": search_id(search), "pillar_radius_um": search.pillar_radius_um,
-        "periodicity": search.periodicity, "stiffness_set": search.stiffness_set,
-        "cell_shape": cell["shape"], "cell_radius_um": cell["radius_um"],
+        "search": search_id(search),
+        "pillar_radius_um": search.pillar_radius_um,
+        "periodicity": search.periodicity,
+        "stiffness_set": search.stiffness_set,
+        "cell_shape": cell["shape"],
+        "cell_radius_um": cell["radius_um"],
         "height_um": settings["flow"]["height_um"],
-        "height_on_lattice_um": at_gap("height_on_lattice_um"), "knob": search.knob,
-        "spacing_asked_um": settings["numerics"][SPACING], "spacing_um": at_gap("spacing_um"),
-        "reynolds_max": settings["numerics"][REYNOLDS], "lag_number": at_gap("lag_number"),
-        "critical_gap_um": gap, "low_um": low["gap_um"] if low else None,
+        "height_on_lattice_um": at_gap("height_on_lattice_um"),
+        "knob": search.knob,
+        "spacing_asked_um": settings["numerics"][SPACING],
+        "spacing_um": at_gap("spacing_um"),
+        "reynolds_max": settings["numerics"][REYNOLDS],
+        "lag_number": at_gap("lag_number"),
+        "critical_gap_um": gap,
+        "low_um": low["gap_um"] if low else None,
         "high_um": high["gap_um"] if high else None,
         "diameter_over_gap": 2 * cell["radius_um"] / gap if known else None,
-        "points": len(points), "runs": sum(p["releases"] for p in points),
+        "points": len(points),
+        "runs": sum(p["releases"] for p in points),
         "wall_time_s": sum(p["wall_time_s"] or 0.0 for p in points),
         "note": _note(points, low, high),
-    }  # fmt: skip
+    }
 
 
 def _note(points: Sequence[Row], low: Row | None, high: Row | None) -> str:
@@ -385,8 +427,10 @@ def _note(points: Sequence[Row], low: Row | None, high: Row | None) -> str:
             return f"ended: at a gap of {point['gap_um']:g} µm the outcome is {point['status']}"
     if low is None or high is None:
         gaps = ", ".join(f"{p['gap_um']:g}" for p in points)
-        return f"the bracket holds no transition: {'none' if low is None else 'all'} of the " \
-               f"gaps {gaps} µm bump"
+        return (
+            f"the bracket holds no transition: {'none' if low is None else 'all'} of the "
+            f"gaps {gaps} µm bump"
+        )
     remarks = [] if closed(low, high) else [f"bracket not closed after {len(points)} points"]
     if unsettled := sum(p["status"] != DECIDED for p in points):
         remarks.append(f"{unsettled} of {len(points)} outcomes are not decided")
@@ -458,7 +502,8 @@ def _converged(rows: Sequence[Row], knob: str, campaign: Row) -> dict[str, Any]:
         note = "a search found no transition"
     elif len(finest := steps[-3:]) < 3 or not finest[0] > finest[1] > finest[2]:
         note = "an order needs three falling steps; the runs had " + ", ".join(
-            f"{step:.4g}" for step in steps)
+            f"{step:.4g}" for step in steps
+        )
     elif (order := observed_order(finest, gaps[-3:])) is None:
         note = "no order: the values do not approach a limit evenly"
     else:
@@ -468,25 +513,41 @@ def _converged(rows: Sequence[Row], knob: str, campaign: Row) -> dict[str, Any]:
             note = "differences below the width of the brackets: the order is uncertain"
     known = [gap for gap in gaps if gap is not None]
     return {
-        **{key: campaign[key] for key in ("pillar_radius_um", "periodicity", "stiffness_set",
-                                          "cell_shape", "cell_radius_um")},
-        "knob": knob, "steps": [step for step in steps if step is not None],
-        "critical_gaps_um": known, "range_um": max(known) - min(known) if known else None,
-        "observed_order": order, "extrapolated_gap_um": limit,
+        **{
+            key: campaign[key]
+            for key in (
+                "pillar_radius_um",
+                "periodicity",
+                "stiffness_set",
+                "cell_shape",
+                "cell_radius_um",
+            )
+        },
+        "knob": knob,
+        "steps": [step for step in steps if step is not None],
+        "critical_gaps_um": known,
+        "range_um": max(known) - min(known) if known else None,
+        "observed_order": order,
+        "extrapolated_gap_um": limit,
         "error_um": campaign["critical_gap_um"] - limit if limit is not None else None,
         "note": note,
-    }  # fmt: skip
+    }
 
 
 # ------------------------------------------------------------------------------------ package data
 
 DATA, MODEL = MODEL_PATH.parent, MODEL_PATH.name
-KEPT = {"reference_outcomes": "outcomes", "critical_gaps": "critical_gaps",
-        "convergence": "convergence"}  # fmt: skip
+KEPT = {
+    "reference_outcomes": "outcomes",
+    "critical_gaps": "critical_gaps",
+    "convergence": "convergence",
+}
 """Tables that come with the package, and their kinds; the first is needed, the others where the
 critical gaps have been searched."""
-REMEDY = ("Make it with `snakemake -j2 reference` and "
-          "`python -m dldsim.evidence.reference_study results`.")
+REMEDY = (
+    "Make it with `snakemake -j2 reference` and "
+    "`python -m dldsim.evidence.reference_study results`."
+)
 
 
 def install(results: Path, data: Path = DATA) -> list[Path]:

@@ -44,24 +44,32 @@ def check_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
     numerics, control = settings["numerics"], settings["run_control"]
     places = other_releases(control["release_gap_fractions"])
     return {
-        "numerics": numerics | {key: FINER * numerics[key]
-                                for key in ("spacing_um", "reynolds_max")},
-        "run_control": control | {
-            "max_rows": ROWS, "min_rows": ROWS, "outcome_rows_max": ROWS * len(places),
+        "numerics": numerics
+        | {key: FINER * numerics[key] for key in ("spacing_um", "reynolds_max")},
+        "run_control": control
+        | {
+            "max_rows": ROWS,
+            "min_rows": ROWS,
+            "outcome_rows_max": ROWS * len(places),
             "release_gap_fractions": places,
         },
-    }  # fmt: skip
+    }
 
 
 def cost_sentence(rows: Sequence[Row], releases: int) -> str:
     """What checking these outcomes takes at most, by their wall times in the campaign."""
-    known = [row["wall_time_s"] / row["rows_total"] for row in rows
-             if row["wall_time_s"] and row["rows_total"]]
+    known = [
+        row["wall_time_s"] / row["rows_total"]
+        for row in rows
+        if row["wall_time_s"] and row["rows_total"]
+    ]
     if not known:
         return f"Spot check: {len(rows)} outcomes, none with a wall time to estimate the cost from."
     hours = sum(known) / len(known) * len(rows) * ROWS * releases * COST / 3600
-    return (f"Spot check: {len(rows)} outcomes, {releases} releases each, {ROWS} rows: at most "
-            f"about {hours:.3g} hours of one core.")
+    return (
+        f"Spot check: {len(rows)} outcomes, {releases} releases each, {ROWS} rows: at most "
+        f"about {hours:.3g} hours of one core."
+    )
 
 
 def check_row(row: Row, check: Row) -> dict[str, Any]:
@@ -69,22 +77,34 @@ def check_row(row: Row, check: Row) -> dict[str, Any]:
     change = error_of(check, row)
     sigma = row["sigma_num_deg"]
     ratio = abs(change) / sigma if change is not None and sigma else None
-    why = row["sigma_num_basis"] if check["migration_angle_deg"] is not None else (
-        f"the check is {check['status']}")
+    why = (
+        row["sigma_num_basis"]
+        if check["migration_angle_deg"] is not None
+        else (f"the check is {check['status']}")
+    )
     return {
         **{key: row[key] for key in COPIED},
-        "check_mode": check["mode"], "check_status": check["status"],
-        "check_angle_deg": check["migration_angle_deg"], "change_deg": change,
-        "change_over_sigma": ratio, "check_spacing_um": check["spacing_um"],
+        "check_mode": check["mode"],
+        "check_status": check["status"],
+        "check_angle_deg": check["migration_angle_deg"],
+        "change_deg": change,
+        "change_over_sigma": ratio,
+        "check_spacing_um": check["spacing_um"],
         "check_wall_time_s": check["wall_time_s"],
         "verdict": verdict(ratio, ("holds", "changes"), why),
-    }  # fmt: skip
+    }
 
 
 COPIED = (
-    "outcome_id", *RANGES, "stiffness_set", "mode", "status", "migration_angle_deg",
-    "sigma_num_deg", "spacing_um",
-)  # fmt: skip
+    "outcome_id",
+    *RANGES,
+    "stiffness_set",
+    "mode",
+    "status",
+    "migration_angle_deg",
+    "sigma_num_deg",
+    "spacing_um",
+)
 
 
 def closing_sentence(rows: Sequence[Row]) -> str:
@@ -93,6 +113,8 @@ def closing_sentence(rows: Sequence[Row]) -> str:
     changed = sum(ratio > BEYOND for ratio in ratios)
     untold = len(rows) - len(ratios)
     holds = "holds" if ratios and changed <= SHARE * len(ratios) else "does not hold"
-    sentence = (f"Spot check: {changed} of {len(ratios)} outcomes change by more than {BEYOND:g} "
-                f"σ_num; at most one in twenty may: {holds}.")
+    sentence = (
+        f"Spot check: {changed} of {len(ratios)} outcomes change by more than {BEYOND:g} "
+        f"σ_num; at most one in twenty may: {holds}."
+    )
     return sentence + (f" Of {untold} it cannot be told." if untold else "")

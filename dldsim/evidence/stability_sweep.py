@@ -57,8 +57,15 @@ def _scaled(membrane: Stiffness, multiplier: float) -> dict[str, float]:
     return {key: multiplier * getattr(membrane, key) for key in keys}
 
 
-def _along(title: str, parameter: str, section: str, key: str, values: Iterable,
-           stiffest: bool = True, **others: dict) -> Family:  # fmt: skip
+def _along(
+    title: str,
+    parameter: str,
+    section: str,
+    key: str,
+    values: Iterable,
+    stiffest: bool = True,
+    **others: dict,
+) -> Family:
     """One key of one section through values; ``others``: changes common to all points."""
     values = list(values)
 
@@ -81,14 +88,21 @@ def _pressed_spheres() -> Family:
     def points(config: Config) -> list[Point]:
         name, membrane = list(config.stiffness_sets.items())[-1]
         changes = {
-            "geometry": {"periodicity": 12}, "flow": TALL,
+            "geometry": {"periodicity": 12},
+            "flow": TALL,
             "cell": {"shape": "sphere", "radius_um": 5.0, "release_gap_fraction": 0.45},
-        }  # fmt: skip
+        }
         return [
-            Point(f"{m}", m, changes | {"stiffness": _scaled(membrane, m) | {
-                "kag_uN_per_m": m * membrane.kag_uN_per_m}}, name, rows=6)
+            Point(
+                f"{m}",
+                m,
+                changes
+                | {"stiffness": _scaled(membrane, m) | {"kag_uN_per_m": m * membrane.kag_uN_per_m}},
+                name,
+                rows=6,
+            )
             for m in (1, 3, 10, 30)
-        ]  # fmt: skip
+        ]
 
     return Family("Stiff spheres pressed against pillars", "multiplier of all moduli", points)
 
@@ -100,36 +114,52 @@ FAMILIES: dict[str, Family] = {
         "Bending", "k_b [pN·µm]", "stiffness", "kb_pN_um", (0, 0.043, 0.43, 4.3, 43, 430), False
     ),
     "membrane-viscosity": _along(
-        "Membrane viscosity", "k_visc [nN·s/m]", "stiffness", "kvisc_nN_s_per_m",
+        "Membrane viscosity",
+        "k_visc [nN·s/m]",
+        "stiffness",
+        "kvisc_nN_s_per_m",
         (0, 1.5, 15, 150, 1500),
     ),
-    "area": _along(
-        "Total area", "k_ag [µN/m]", "stiffness", "kag_uN_per_m", (0, 500, 5e3, 5e4)
-    ),
+    "area": _along("Total area", "k_ag [µN/m]", "stiffness", "kag_uN_per_m", (0, 500, 5e3, 5e4)),
     "volume": _along("Volume", "k_v [Pa]", "stiffness", "kv_Pa", (0, 900, 9e4, 9e6)),
     "friction": _along(
-        "Friction, dissipative coupling", "γ [nN·s/m]", "numerics", "friction_nN_s_per_m",
-        (0.05, 0.2, 0.66, 1.56, 5, 20), numerics={"coupling": "dissipative"},
+        "Friction, dissipative coupling",
+        "γ [nN·s/m]",
+        "numerics",
+        "friction_nN_s_per_m",
+        (0.05, 0.2, 0.66, 1.56, 5, 20),
+        numerics={"coupling": "dissipative"},
     ),
     "time-step": _along(
-        "Time step", "mean velocity [lattice units]", "numerics", "velocity_lu",
+        "Time step",
+        "mean velocity [lattice units]",
+        "numerics",
+        "velocity_lu",
         (0.003, 0.0125, 0.025, 0.05, 0.1),
     ),
     "relaxation-time": _along(
-        "Relaxation time", "τ", "numerics", "relaxation_time",
+        "Relaxation time",
+        "τ",
+        "numerics",
+        "relaxation_time",
         (0.505, 0.52, 0.55, 0.65, 0.8, 1.25, 2, 3),
     ),
     "mesh-ratio": _along(
-        "Mesh to lattice", "edge / lattice spacing", "numerics", "edge_to_spacing",
+        "Mesh to lattice",
+        "edge / lattice spacing",
+        "numerics",
+        "edge_to_spacing",
         (0.3, 0.4, 0.6, 0.8, 1, 1.4, 2),
     ),
     "velocity": _along(
-        "Capillary number by way of the velocity", "mean velocity [mm/s]", "flow",
-        "mean_velocity_mm_s", (0.005, 0.05, 0.5, 5, 50), False,
+        "Capillary number by way of the velocity",
+        "mean velocity [mm/s]",
+        "flow",
+        "mean_velocity_mm_s",
+        (0.005, 0.05, 0.5, 5, 50),
+        False,
     ),
-    "gap": _along(
-        "Gap", "P_g [µm]", "geometry", "gap_um", (4, 5, 6, 7, 8, 10, 12, 16, 24)
-    ),
+    "gap": _along("Gap", "P_g [µm]", "geometry", "gap_um", (4, 5, 6, 7, 8, 10, 12, 16, 24)),
     "periodicity": _along(
         "Periodicity", "N_p", "geometry", "periodicity", (2, 3, 4, 8, 12, 16, 20)
     ),
@@ -137,19 +167,31 @@ FAMILIES: dict[str, Family] = {
         "Pillar radius", "P_r [µm]", "geometry", "pillar_radius_um", (1, 2, 4, 12, 20, 30)
     ),
     "release": _along(
-        "Release: 0 and 1 touch a pillar", "height in the gap / P_g", "cell",
-        "release_gap_fraction", (0, 0.1, 0.25, 0.5, 0.75, 1),
+        "Release: 0 and 1 touch a pillar",
+        "height in the gap / P_g",
+        "cell",
+        "release_gap_fraction",
+        (0, 0.1, 0.25, 0.5, 0.75, 1),
     ),
     "cell-radius": _along(
-        "Cell against a gap of 12 µm, upright", "cell radius [µm]", "cell", "radius_um",
-        (3, 5, 7.5, 10, 12, 15), flow=TALL,
+        "Cell against a gap of 12 µm, upright",
+        "cell radius [µm]",
+        "cell",
+        "radius_um",
+        (3, 5, 7.5, 10, 12, 15),
+        flow=TALL,
     ),
     "sphere": _along(
-        "Sphere against a gap of 12 µm", "sphere radius [µm]", "cell", "radius_um",
-        (3, 5, 5.5, 6, 7), flow=TALL, cell={"shape": "sphere"},
+        "Sphere against a gap of 12 µm",
+        "sphere radius [µm]",
+        "cell",
+        "radius_um",
+        (3, 5, 5.5, 6, 7),
+        flow=TALL,
+        cell={"shape": "sphere"},
     ),
     "pressed-sphere": _pressed_spheres(),
-}  # fmt: skip
+}
 
 
 def membranes(config: Config) -> dict[str, Stiffness]:
@@ -196,16 +238,21 @@ def run_family(
     rows = []
     for point in family.points(config):
         about = {
-            "family": name, "title": family.title, "parameter_of": family.parameter,
-            "label": point.label, "parameter": float(point.value), "stiffness_set": point.set,
-        }  # fmt: skip
+            "family": name,
+            "title": family.title,
+            "parameter_of": family.parameter,
+            "label": point.label,
+            "parameter": float(point.value),
+            "stiffness_set": point.set,
+        }
         automatic = _attempt(point, config, "automatic")
         rows.append(about | automatic)
         if automatic["refinement"] and automatic["refinement"] > 1:
             rows.append(about | _attempt(point, config, "as-given"))
         if progress:
-            said = ", ".join(f"{r['time_step']}: {r['outcome']}" for r in rows[-2:]
-                             if r["label"] == point.label)  # fmt: skip
+            said = ", ".join(
+                f"{r['time_step']}: {r['outcome']}" for r in rows[-2:] if r["label"] == point.label
+            )
             progress(f"{name} {point.label}: {said}")
     return rows
 
@@ -219,10 +266,19 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
     from dldsim.experiments.array_run import simulate_run
 
     blank = [f"margin_{m}" for m in MARGINS] + [
-        "margin", "refinement", "steps", "wall_time_s", "nodes", "vertices", "mach_max",
-        "volume_drift_max", "area_drift_max", "inverted_faces_max", "min_clearance_um",
+        "margin",
+        "refinement",
+        "steps",
+        "wall_time_s",
+        "nodes",
+        "vertices",
+        "mach_max",
+        "volume_drift_max",
+        "area_drift_max",
+        "inverted_faces_max",
+        "min_clearance_um",
         "predicted_safe",
-    ]  # fmt: skip
+    ]
     row = {"time_step": time_step, **dict.fromkeys(blank)}
     try:
         sections = sections_of(point, config)
@@ -230,27 +286,42 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
             update={"time_step": time_step, "reynolds_max": ANY_LAG}
         )
         result = simulate_run(
-            **sections, control=RunControl(max_rows=point.rows), run_id=point.label,
+            **sections,
+            control=RunControl(max_rows=point.rows),
+            run_id=point.label,
             stiffness_set=point.set,
-        ).row  # fmt: skip
+        ).row
     except DldsimError as error:
         return row | {"outcome": "refused", "reason": str(error)}
     record = json.loads(result["details"])
     asked = {f"margin_{m}": record[f"margin_{m}"] for m in MARGINS}
     margin = max(asked.values())
     failed = result["status"] in ("unstable", "stuck")
-    return row | asked | {
-        "margin": margin,
-        "refinement": record["time_step_refinement"],
-        "predicted_safe": (time_step == "automatic" or margin <= 1) and not record["incurable"],
-        "outcome": result["status"] if failed else RAN,
-        "reason": "; ".join([result["stop_reason"]] * failed + record["incurable"]),
-        "inverted_faces_max": record["inverted_faces_max"],
-        **{key: result[key] for key in (
-            "steps", "wall_time_s", "nodes", "vertices", "mach_max", "volume_drift_max",
-            "area_drift_max", "min_clearance_um",
-        )},
-    }  # fmt: skip
+    return (
+        row
+        | asked
+        | {
+            "margin": margin,
+            "refinement": record["time_step_refinement"],
+            "predicted_safe": (time_step == "automatic" or margin <= 1) and not record["incurable"],
+            "outcome": result["status"] if failed else RAN,
+            "reason": "; ".join([result["stop_reason"]] * failed + record["incurable"]),
+            "inverted_faces_max": record["inverted_faces_max"],
+            **{
+                key: result[key]
+                for key in (
+                    "steps",
+                    "wall_time_s",
+                    "nodes",
+                    "vertices",
+                    "mach_max",
+                    "volume_drift_max",
+                    "area_drift_max",
+                    "min_clearance_um",
+                )
+            },
+        }
+    )
 
 
 def verdict(rows: Iterable[dict]) -> dict[str, Any]:
@@ -265,7 +336,8 @@ def verdict(rows: Iterable[dict]) -> dict[str, Any]:
         "points": len(rows),
         "broken": [r for r in rows if r["predicted_safe"] and r["outcome"] == "unstable"],
         "refused": sum(r["outcome"] == "refused" for r in rows),
-        "least_failing": min((r["margin"] for r in given if r["outcome"] == "unstable"),
-                             default=None),
+        "least_failing": min(
+            (r["margin"] for r in given if r["outcome"] == "unstable"), default=None
+        ),
         "largest_running": max((r["margin"] for r in given if r["outcome"] == RAN), default=None),
-    }  # fmt: skip
+    }

@@ -65,70 +65,93 @@ CASES = {
         "Flow between two plates", "fluid", "validation_fluid.plane_poiseuille", "exact solution"
     ),
     "duct-poiseuille": Case(
-        "Flow through rectangular ducts", "fluid", "validation_fluid.duct_poiseuille",
+        "Flow through rectangular ducts",
+        "fluid",
+        "validation_fluid.duct_poiseuille",
         "exact Fourier series",
     ),
     "taylor-green": Case(
-        "Decay of a Taylor-Green vortex", "fluid", "validation_fluid.taylor_green",
-        "exact solution",
+        "Decay of a Taylor-Green vortex", "fluid", "validation_fluid.taylor_green", "exact solution"
     ),
     "viscosity-independence": Case(
-        "Permeability at different relaxation times", "fluid",
-        "validation_fluid.viscosity_independence", "Stokes flow: no dependence",
+        "Permeability at different relaxation times",
+        "fluid",
+        "validation_fluid.viscosity_independence",
+        "Stokes flow: no dependence",
     ),
     "square-arrays": Case(
-        "Permeability of square arrays of cylinders", "fluid", "validation_fluid.square_arrays",
+        "Permeability of square arrays of cylinders",
+        "fluid",
+        "validation_fluid.square_arrays",
         "Sangani & Acrivos 1982, Int. J. Multiphase Flow 8:193, Table 1, recomputed to 1e-10",
     ),
     "row-shifted-arrays": Case(
-        "Permeability tensor and tilt of row-shifted arrays", "fluid",
-        "validation_fluid.row_shifted_arrays", _BOUNDARY_INTEGRAL,
+        "Permeability tensor and tilt of row-shifted arrays",
+        "fluid",
+        "validation_fluid.row_shifted_arrays",
+        _BOUNDARY_INTEGRAL,
     ),
     "finite-height-arrays": Case(
-        "Permeability and tilt of arrays between plates", "fluid",
-        "validation_fluid.finite_height_arrays", "spectral-element Stokes solution",
+        "Permeability and tilt of arrays between plates",
+        "fluid",
+        "validation_fluid.finite_height_arrays",
+        "spectral-element Stokes solution",
     ),
     "first-lane-width": Case(
-        "Width of the first stream lane", "fluid", "validation_fluid.first_lane_width",
+        "Width of the first stream lane",
+        "fluid",
+        "validation_fluid.first_lane_width",
         _BOUNDARY_INTEGRAL,
     ),
     "membrane-forces": Case(
-        "Membrane forces term by term", "membrane", "validation_membrane.membrane_forces",
-        _ESPRESSO,
+        "Membrane forces term by term", "membrane", "validation_membrane.membrane_forces", _ESPRESSO
     ),
     "static-stretching": Case(
-        "Cell stretched by a pair of forces", "membrane", "validation_membrane.static_stretching",
+        "Cell stretched by a pair of forces",
+        "membrane",
+        "validation_membrane.static_stretching",
         _ESPRESSO,
     ),
     "continuum-moduli": Case(
-        "Spring constants and continuum moduli", "membrane", "validation_membrane.continuum_moduli",
+        "Spring constants and continuum moduli",
+        "membrane",
+        "validation_membrane.continuum_moduli",
         "Seung & Nelson 1988, Phys. Rev. A 38:1005; Gompper & Kroll 1996, J. Phys. I 6:1305",
     ),
     "erythrocyte-stretching": Case(
-        "Red cell in optical tweezers", "membrane", "validation_membrane.erythrocyte_stretching",
+        "Red cell in optical tweezers",
+        "membrane",
+        "validation_membrane.erythrocyte_stretching",
         "Mills et al. 2004, Mech. Chem. Biosyst. 1:169; Suresh et al. 2005, Acta Biomater. 1:15",
     ),
     "hydrodynamic-radius": Case(
-        "Sphere of vertices under uniform traction", "cell", "validation_cell.hydrodynamic_radius",
+        "Sphere of vertices under uniform traction",
+        "cell",
+        "validation_cell.hydrodynamic_radius",
         "Zick & Homsy 1982, J. Fluid Mech. 115:13, simple cubic",
     ),
     "capsule-in-shear": Case(
-        "Capsule in simple shear", "cell", "validation_cell.capsule_in_shear",
-        "boundary integral",
+        "Capsule in simple shear", "cell", "validation_cell.capsule_in_shear", "boundary integral"
     ),
     "rigid-transition": Case(
-        "Stiff sphere between bump and zigzag", "cell", "validation_cell.rigid_transition",
+        "Stiff sphere between bump and zigzag",
+        "cell",
+        "validation_cell.rigid_transition",
         "D_c = 1.4 G ε^0.48, Davis 2008",
     ),
     "constriction-shape": Case(
-        "Cell in a constriction, channel inferred", "cell", "validation_cell.constriction_shape",
+        "Cell in a constriction, channel inferred",
+        "cell",
+        "validation_cell.constriction_shape",
         "source paper, table of the constriction validation",
     ),
     "left-out": Case(
-        "What scenes do without", "scenes", "validation_scenes.left_out",
+        "What scenes do without",
+        "scenes",
+        "validation_scenes.left_out",
         "the same scene with what was left out",
     ),
-}  # fmt: skip
+}
 
 
 def check_cases(names: Iterable[str]) -> list[str]:
@@ -177,13 +200,27 @@ def run_case(name: str, progress: Callable[[str], None] | None = None) -> list[d
 
 def _shell(name: str, case: Case, wall: float) -> dict:
     """A row of a case that has failed, without a quantity."""
-    blank = ("parameter", "resolution", "reference", "value", "relative_error", "observed_order",
-             "mark")  # fmt: skip
+    blank = (
+        "parameter",
+        "resolution",
+        "reference",
+        "value",
+        "relative_error",
+        "observed_order",
+        "mark",
+    )
     return {
-        "case": name, "group": case.group, "variant": "", "unit": "1", "parameter_of": "",
-        "resolution_of": "", "source": case.source, **dict.fromkeys(blank), "passed": False,
+        "case": name,
+        "group": case.group,
+        "variant": "",
+        "unit": "1",
+        "parameter_of": "",
+        "resolution_of": "",
+        "source": case.source,
+        **dict.fromkeys(blank),
+        "passed": False,
         "wall_time_s": wall,
-    }  # fmt: skip
+    }
 
 
 def _row(name: str, case: Case, comparison: Comparison, coarser: dict, wall: float) -> dict:
@@ -225,15 +262,22 @@ def verdicts(rows: Iterable[dict]) -> list[dict]:
         by_case.setdefault(row["case"], []).append(row)
     entries = []
     for name, of_case in by_case.items():
-        shares = [abs(r["relative_error"]) / r["mark"] for r in of_case
-                  if r["passed"] is not None and r["relative_error"] is not None]  # fmt: skip
-        entries.append({
-            "case": name, "group": of_case[0]["group"], "comparisons": len(of_case),
-            "marked": sum(r["passed"] is not None for r in of_case),
-            "failed": sum(r["passed"] is False for r in of_case),
-            "error_over_mark": max(shares, default=None),
-            "wall_time_s": sum(r["wall_time_s"] for r in of_case),
-        })  # fmt: skip
+        shares = [
+            abs(r["relative_error"]) / r["mark"]
+            for r in of_case
+            if r["passed"] is not None and r["relative_error"] is not None
+        ]
+        entries.append(
+            {
+                "case": name,
+                "group": of_case[0]["group"],
+                "comparisons": len(of_case),
+                "marked": sum(r["passed"] is not None for r in of_case),
+                "failed": sum(r["passed"] is False for r in of_case),
+                "error_over_mark": max(shares, default=None),
+                "wall_time_s": sum(r["wall_time_s"] for r in of_case),
+            }
+        )
     return entries
 
 

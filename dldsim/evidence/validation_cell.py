@@ -45,18 +45,26 @@ def hydrodynamic_radius() -> Iterator[Comparison]:
     """
     cases = [("default", radius, {}) for radius in DRAG_RADII]
     cases += [(f"τ = {tau:g}", 6, {"relaxation_time": tau}) for tau in (0.8, 1.25)]
-    cases += [("centre at " + " ".join(f"{o:g}" for o in offset), 6, {"offset": offset})
-              for offset in OFFSETS]  # fmt: skip
+    cases += [
+        ("centre at " + " ".join(f"{o:g}" for o in offset), 6, {"offset": offset})
+        for offset in OFFSETS
+    ]
     cases += [(f"edge / spacing {edge:g}", 6, {"edge_to_spacing": edge}) for edge in (0.7, 1.4)]
-    cases += [(f"{kernel} kernel", 6, {"kernel": kernel})
-              for kernel in ("linear", "3-point", "4-point")]  # fmt: skip
+    cases += [
+        (f"{kernel} kernel", 6, {"kernel": kernel}) for kernel in ("linear", "3-point", "4-point")
+    ]
     for variant, radius, settings in cases:
         lag = lag_under_traction(radius, **settings)
         about = {"variant": variant, "resolution": radius, "resolution_of": PUSHED}
         yield Comparison(
-            "hydrodynamic radius", lag.radius, radius, SIZE_MARK / radius, "spacing",
-            note=f"{lag.radius - radius:+.3f} nodes", **about,
-        )  # fmt: skip
+            "hydrodynamic radius",
+            lag.radius,
+            radius,
+            SIZE_MARK / radius,
+            "spacing",
+            note=f"{lag.radius - radius:+.3f} nodes",
+            **about,
+        )
         slips = MEMBRANE_SLIP[settings.get("kernel", "compact")]
         for part, value, slip in zip(("along", "across"), lag[1:3], slips, strict=True):
             yield Comparison(f"lag {part} the membrane", value, slip, unit="t/ν", **about)
@@ -149,21 +157,31 @@ def _published(ours):
     for row in read_reference("capsule_in_shear_published"):
         if row["t_end"] >= 4 and row["Ca_G"] in ours:
             yield Comparison(
-                "Taylor deformation", ours[row["Ca_G"]], row["D_last_unit_mean"],
-                variant=f"neo-Hookean, {row['curve']}", parameter=row["Ca_G"],
-                parameter_of=CAPILLARY, resolution=RADII[1], resolution_of=RADIUS,
+                "Taylor deformation",
+                ours[row["Ca_G"]],
+                row["D_last_unit_mean"],
+                variant=f"neo-Hookean, {row['curve']}",
+                parameter=row["Ca_G"],
+                parameter_of=CAPILLARY,
+                resolution=RADII[1],
+                resolution_of=RADIUS,
                 source=f"{row['curve']}, {row['source']}",
                 note="ours with κ = 0.01 G_s a², theirs without bending",
-            )  # fmt: skip
+            )
 
 
 def _variants(references):
     """Other settings, beside the neo-Hookean references with bending (by Ca)."""
     cubes = [
-        (f"neo-Hookean, cube {n} radii wide", "neo-Hookean", 0.3,
-         {"radius": 4, "height": n, "length": n, "width": n}, "")
+        (
+            f"neo-Hookean, cube {n} radii wide",
+            "neo-Hookean",
+            0.3,
+            {"radius": 4, "height": n, "length": n, "width": n},
+            "",
+        )
         for n in (8, 16)
-    ]  # fmt: skip
+    ]
     kernels = [
         (f"neo-Hookean, {kernel} kernel", "neo-Hookean", ca, {"kernel": kernel}, "")
         for kernel in ("linear", "3-point", "4-point")
@@ -171,18 +189,29 @@ def _variants(references):
     ]
     flat = [("neo-Hookean, flat rest angles", "neo-Hookean", 0.3, {"flat_rest_angles": True}, "")]
     springs = [
-        ("springs beside neo-Hookean", "springs", ca, {},
-         "another law: springs of k_s = 4/√3 G_s, whose K is 2 G_s instead of 3 G_s")
+        (
+            "springs beside neo-Hookean",
+            "springs",
+            ca,
+            {},
+            "another law: springs of k_s = 4/√3 G_s, whose K is 2 G_s instead of 3 G_s",
+        )
         for ca in (0.0375, 0.15, 0.3)
-    ]  # fmt: skip
+    ]
     for variant, law, ca, settings, note in cubes + kernels + flat + springs:
         run = shear_run(law, ca, **settings)
         yield Comparison(
-            "Taylor deformation", run.taylor_deformation, references[ca], variant=variant,
-            parameter=ca, parameter_of=CAPILLARY, resolution=settings.get("radius", 6),
-            resolution_of=RADIUS, note=note,
+            "Taylor deformation",
+            run.taylor_deformation,
+            references[ca],
+            variant=variant,
+            parameter=ca,
+            parameter_of=CAPILLARY,
+            resolution=settings.get("radius", 6),
+            resolution_of=RADIUS,
+            note=note,
             source="boundary integral, neo-Hookean with κ = 0.01 G_s a²",
-        )  # fmt: skip
+        )
 
 
 # ------------------------------------------------------------------------------ rigid transition
@@ -233,16 +262,20 @@ def rigid_transition() -> Iterator[Comparison]:
     law, of finite spheres, lies 18 to 27 % above it.
     """
     table = {
-        row["periodicity"]: row for row in read_reference("first_lane_width_2d")
+        row["periodicity"]: row
+        for row in read_reference("first_lane_width_2d")
         if row["radius_over_pitch"] == 0.25
-    }  # fmt: skip
+    }
     coarser = {}
     for periodicity, pitch in TRANSITIONS:
         low, high, passages = critical_interval(sphere_flow(periodicity, pitch))
         about = {
-            "unit": "gap", "parameter": periodicity, "parameter_of": "periodicity N_p",
-            "resolution": pitch / 2, "resolution_of": GAP_NODES,
-        }  # fmt: skip
+            "unit": "gap",
+            "parameter": periodicity,
+            "parameter_of": "periodicity N_p",
+            "resolution": pitch / 2,
+            "resolution_of": GAP_NODES,
+        }
         law = critical_diameter(1, 1 / periodicity)
         worst = max(passages, key=lambda passage: passage.deformation)
         drift = max(abs(passage.volume_ratio - 1) for passage in passages)
@@ -254,14 +287,21 @@ def rigid_transition() -> Iterator[Comparison]:
             f"{drift:.2%}"
         )
         yield Comparison(
-            "critical diameter", middle, law, SCATTER_OF_DAVIS, source=SOURCE_OF_DAVIS, note=note,
-            **about
+            "critical diameter",
+            middle,
+            law,
+            SCATTER_OF_DAVIS,
+            source=SOURCE_OF_DAVIS,
+            note=note,
+            **about,
         )
         yield Comparison(
-            "critical diameter beside streamline bound", middle,
+            "critical diameter beside streamline bound",
+            middle,
             table[periodicity]["critical_diameter_over_gap_streamline"],
-            source=table[periodicity]["source"], **about,
-        )  # fmt: skip
+            source=table[periodicity]["source"],
+            **about,
+        )
         yield Comparison("largest diameter that zigzags", low, law, source=SOURCE_OF_DAVIS, **about)
         yield Comparison("smallest diameter that bumps", high, law, source=SOURCE_OF_DAVIS, **about)
         if periodicity in coarser:
@@ -269,10 +309,13 @@ def rigid_transition() -> Iterator[Comparison]:
             value = middle + (middle - before) / (pitch / coarse - 1)
             spread = (high - low) / 2 * (pitch / coarse + 1) / (pitch / coarse - 1)
             yield Comparison(
-                "critical diameter", value, law, source=SOURCE_OF_DAVIS,
+                "critical diameter",
+                value,
+                law,
+                source=SOURCE_OF_DAVIS,
                 **about | {"variant": "extrapolated", "resolution": None, "resolution_of": ""},
                 note=f"from {coarse} and {pitch} nodes per pitch; ±{spread:.3f} from the bisection",
-            )  # fmt: skip
+            )
         coarser[periodicity] = middle, pitch
 
 
@@ -315,9 +358,13 @@ def sphere_passage(flow: EmptyFlow, diameter: float) -> Passage:
     array, periodicity = array_of(flow), flow.geometry.periodicity
     ks = flow.flow.viscosity_mPa_s * flow.flow.mean_velocity_mm_s / SPHERE_CA  # µN/m
     stiffness = Stiffness(
-        ks_uN_per_m=ks, kb_pN_um=0, kal_uN_per_m=ks, kag_uN_per_m=20 * ks, kv_Pa=1e6,
+        ks_uN_per_m=ks,
+        kb_pN_um=0,
+        kal_uN_per_m=ks,
+        kag_uN_per_m=20 * ks,
+        kv_Pa=1e6,
         kvisc_nN_s_per_m=0,
-    )  # fmt: skip
+    )
     cell = Cell(shape="sphere", radius_um=diameter * GAP_UM / 2, release_gap_fraction=0.0)
     scene = make_scene(array, flow, stiffness, cell, flow.flow, flow.numerics)
     row_steps = array.pitch / SPHERE_VELOCITY
@@ -326,8 +373,9 @@ def sphere_passage(flow: EmptyFlow, diameter: float) -> Passage:
     while rows < periodicity + 2:
         scene.advance(2 * round(row_steps / 40))
         sample = scene.sample()
-        trouble = sample.trouble() or ("the sphere stopped" if path.idle(scene.steps, 3 * row_steps)
-                                       else None)  # fmt: skip
+        trouble = sample.trouble() or (
+            "the sphere stopped" if path.idle(scene.steps, 3 * row_steps) else None
+        )
         if trouble:
             raise DldsimError(
                 f"Sphere of {diameter:.3f} gaps at N_p = {periodicity}, {array.pitch} nodes per "
@@ -354,15 +402,25 @@ SEED_DEVIATION = 0.1125
 """Largest deviation of the source's own simulation from the same experiment."""
 INFERRED_CELL = Cell(shape="biconcave", radius_um=8.5)
 INFERRED_CHANNEL = Constriction(
-    width_um=30, throat_width_um=7, throat_length_um=40, taper_length_um=10, approach_length_um=26,
-    height_um=16, axis="z", release_positions_um=[0.0],
-)  # fmt: skip
+    width_um=30,
+    throat_width_um=7,
+    throat_length_um=40,
+    taper_length_um=10,
+    approach_length_um=26,
+    height_um=16,
+    axis="z",
+    release_positions_um=[0.0],
+)
 THROAT_NODES = 6, 8, 10
 _OTHERS = {"kag_uN_per_m": 500, "kv_Pa": 900, "kvisc_nN_s_per_m": 1.5}
-SOFT = ConstrictionGroup(velocity_mm_s=1.095, stiffness=Stiffness(
-    ks_uN_per_m=5.10, kb_pN_um=0.0433, kal_uN_per_m=10.2, **_OTHERS))  # fmt: skip
-STIFF = ConstrictionGroup(velocity_mm_s=3.0975, stiffness=Stiffness(
-    ks_uN_per_m=20.30, kb_pN_um=3.5, kal_uN_per_m=40.6, **_OTHERS))  # fmt: skip
+SOFT = ConstrictionGroup(
+    velocity_mm_s=1.095,
+    stiffness=Stiffness(ks_uN_per_m=5.10, kb_pN_um=0.0433, kal_uN_per_m=10.2, **_OTHERS),
+)
+STIFF = ConstrictionGroup(
+    velocity_mm_s=3.0975,
+    stiffness=Stiffness(ks_uN_per_m=20.30, kb_pN_um=3.5, kal_uN_per_m=40.6, **_OTHERS),
+)
 """Groups G1 and G7 of the source, as printed."""
 OTHER_CHANNELS = {
     "G1, throat 6 µm, height 16 µm": (SOFT, {"throat_width_um": 6}),
@@ -402,9 +460,15 @@ def _positions(
     """Diameters of one cell at the four positions, ``nodes`` across the throat."""
     channel = channel.model_copy(update={"spacing_um": channel.throat_width_um / nodes})
     result = simulate_constriction(
-        name, group, channel, INFERRED_CELL, Flow(), Numerics(), release_position_um=0.0,
+        name,
+        group,
+        channel,
+        INFERRED_CELL,
+        Flow(),
+        Numerics(),
+        release_position_um=0.0,
         run_id="constriction-shape",
-    )  # fmt: skip
+    )
     if result.row["status"] != "converged":
         raise DldsimError(f"Constriction, {name}: {result.row['stop_reason']}.")
     path = result.trajectory
@@ -422,9 +486,19 @@ def _positions(
         )
         for axis, value, reference in zip("DH", (d[part][at], h[part][at]), seen, strict=True):
             yield Comparison(
-                f"diameter {axis}", float(value), reference, mark, "µm", name, row["position"],
-                "position", nodes, "nodes across the throat", source=row["source"], note=note,
-            )  # fmt: skip
+                f"diameter {axis}",
+                float(value),
+                reference,
+                mark,
+                "µm",
+                name,
+                row["position"],
+                "position",
+                nodes,
+                "nodes across the throat",
+                source=row["source"],
+                note=note,
+            )
 
 
 def nearest_shape(d: np.ndarray, h: np.ndarray, seen_d: float, seen_h: float) -> int:

@@ -54,8 +54,12 @@ def plane_poiseuille() -> Iterator[Comparison]:
         for collision in ("trt", "bgk"):
             for tau in (0.6, 1.25, 2.0):
                 mean = steady(lattice, tau, height, collision).mean_velocity()[0] / height**2
-                at = {"resolution": height, "resolution_of": "nodes between the plates",
-                      "variant": f"{collision.upper()}, τ = {tau:g}", "unit": "g h²/μ"}  # fmt: skip
+                at = {
+                    "resolution": height,
+                    "resolution_of": "nodes between the plates",
+                    "variant": f"{collision.upper()}, τ = {tau:g}",
+                    "unit": "g h²/μ",
+                }
                 yield Comparison(
                     "mean velocity", mean, exact, 1e-7 if collision == "trt" else None, **at
                 )
@@ -79,16 +83,27 @@ def duct_poiseuille() -> Iterator[Comparison]:
             solid[0, 0] = True
             lattice = make_lattice(solid, height, walls=True, dtype=np.float64)
             u = steady(lattice, RELAXATION_TIME, height).velocity_field()[0]
-            at = {"parameter": ratio, "parameter_of": "width / height", "resolution": height,
-                  "resolution_of": "nodes over the height"}  # fmt: skip
+            at = {
+                "parameter": ratio,
+                "parameter_of": "width / height",
+                "resolution": height,
+                "resolution_of": "nodes over the height",
+            }
             yield Comparison(
-                "mean velocity", u.mean() / height**2, row["mean_velocity_over_G_h2_mu"],
-                2 / height**2, "g h²/μ", **at,
-            )  # fmt: skip
+                "mean velocity",
+                u.mean() / height**2,
+                row["mean_velocity_over_G_h2_mu"],
+                2 / height**2,
+                "g h²/μ",
+                **at,
+            )
             yield Comparison(
-                "largest / mean velocity", u.max() / u.mean(), row["umax_over_mean"],
-                2 / height**2, **at,
-            )  # fmt: skip
+                "largest / mean velocity",
+                u.max() / u.mean(),
+                row["umax_over_mean"],
+                2 / height**2,
+                **at,
+            )
 
 
 def taylor_green() -> Iterator[Comparison]:
@@ -105,9 +120,15 @@ def taylor_green() -> Iterator[Comparison]:
             rate = _decay_rate(n, 1.25, inertia)
             errors.append(abs(rate - 1))
             yield Comparison(
-                "decay rate", rate, 1.0, (2 * np.pi / n) ** 2, "2νk²", variant, resolution=n,
+                "decay rate",
+                rate,
+                1.0,
+                (2 * np.pi / n) ** 2,
+                "2νk²",
+                variant,
+                resolution=n,
                 resolution_of="nodes per wavelength",
-            )  # fmt: skip
+            )
         yield Comparison(
             "order of the decay rate", np.log2(errors[-2] / errors[-1]), 2.0, 0.05, variant=variant
         )
@@ -136,8 +157,11 @@ def viscosity_independence() -> Iterator[Comparison]:
     Marks: with TRT only the magic parameter enters (Ginzburg et al. 2008, Commun. Comput. Phys.
     3:427), so 1e-6, what the iteration leaves; BGK is shown without a mark.
     """
-    for collision, bounce_back in (("trt", "half-way"), ("trt", "interpolated"),
-                                   ("bgk", "half-way")):  # fmt: skip
+    for collision, bounce_back in (
+        ("trt", "half-way"),
+        ("trt", "interpolated"),
+        ("bgk", "half-way"),
+    ):
         for pitch in (12, 24):
             lattice = make_pillars(pitch, 0, pitch * radius_of(0.2), bounce_back=bounce_back)
             mean = {
@@ -146,11 +170,17 @@ def viscosity_independence() -> Iterator[Comparison]:
             }
             for tau in (0.6, 0.8, 2.0, 5.0):
                 yield Comparison(
-                    "permeability / that at τ = 1.25", mean[tau] / mean[1.25], 1.0,
-                    1e-6 if collision == "trt" else None, "1",
+                    "permeability / that at τ = 1.25",
+                    mean[tau] / mean[1.25],
+                    1.0,
+                    1e-6 if collision == "trt" else None,
+                    "1",
                     f"{collision.upper()}, {bounce_back}",
-                    tau, "relaxation time τ", pitch, PITCH,
-                )  # fmt: skip
+                    tau,
+                    "relaxation time τ",
+                    pitch,
+                    PITCH,
+                )
 
 
 def radius_of(solid_fraction: float) -> float:
@@ -186,28 +216,40 @@ def square_arrays() -> Iterator[Comparison]:
                 lattice = make_pillars(pitch, 0, radius * pitch, bounce_back=bounce_back)
                 fluid = steady(lattice, RELAXATION_TIME, (1 - radius) * pitch)
                 yield Comparison(
-                    "permeability", fluid.mean_velocity()[0] / pitch**2, permeability,
-                    wall_mark(radii, exact, radius, pitch, bounce_back), "λ²", bounce_back,
-                    row["solid_fraction"], "solid fraction", pitch, PITCH,
-                )  # fmt: skip
+                    "permeability",
+                    fluid.mean_velocity()[0] / pitch**2,
+                    permeability,
+                    wall_mark(radii, exact, radius, pitch, bounce_back),
+                    "λ²",
+                    bounce_back,
+                    row["solid_fraction"],
+                    "solid fraction",
+                    pitch,
+                    PITCH,
+                )
 
 
-def _solve(row: dict, periodicity: int, height_um: float, spacing_um: float, bounce_back: str
-           ) -> EmptyFlow:  # fmt: skip
+def _solve(
+    row: dict, periodicity: int, height_um: float, spacing_um: float, bounce_back: str
+) -> EmptyFlow:
     """Flow through the array of a reference row, by the call that the campaign makes."""
     radius = row["radius_over_pitch"] * PITCH_UM
     geometry = Geometry(
         pillar_radius_um=radius, gap_um=PITCH_UM - 2 * radius, periodicity=periodicity
     )
     numerics = Numerics(
-        precision="float64", relaxation_time=RELAXATION_TIME, spacing_um=spacing_um, rows=1,
+        precision="float64",
+        relaxation_time=RELAXATION_TIME,
+        spacing_um=spacing_um,
+        rows=1,
         bounce_back=bounce_back,
-    )  # fmt: skip
+    )
     return solve_empty_array(geometry, Flow(height_um=height_um), numerics)
 
 
-def _tensor_comparisons(flow: EmptyFlow, row: dict, table: list[dict], at: dict
-                        ) -> Iterator[Comparison]:  # fmt: skip
+def _tensor_comparisons(
+    flow: EmptyFlow, row: dict, table: list[dict], at: dict
+) -> Iterator[Comparison]:
     """Permeabilities and tilt; ``table``: plane arrays of the same periodicity, for the marks."""
     summary, bounce_back = flow.summary(), flow.numerics.bounce_back
     at = at | {"variant": bounce_back, "resolution": flow.pitch, "resolution_of": PITCH}
@@ -216,11 +258,13 @@ def _tensor_comparisons(flow: EmptyFlow, row: dict, table: list[dict], at: dict
     for axes in ("xx", "yy"):
         values = [r[f"K{axes}_over_pitch2"] for r in table]
         yield Comparison(
-            f"permeability k_{axes}, {name}", summary[f"permeability_{axes}_over_pitch2"],
+            f"permeability k_{axes}, {name}",
+            summary[f"permeability_{axes}_over_pitch2"],
             row[f"K{axes}_over_pitch2"],
             wall_mark(radii, values, row["radius_over_pitch"], flow.pitch, bounce_back),
-            "λ²", **at,
-        )  # fmt: skip
+            "λ²",
+            **at,
+        )
     share = WALL_ERROR[bounce_back] / 10
     tilt = row["tilt_deg_axial_force"]
     array_angle = np.degrees(np.arctan(1 / flow.geometry.periodicity))
@@ -231,9 +275,10 @@ def _tensor_comparisons(flow: EmptyFlow, row: dict, table: list[dict], at: dict
 
 def _plane_arrays(periodicity: int) -> list[dict]:
     return [
-        r for r in read_reference("array_permeability_tensor_2d")
+        r
+        for r in read_reference("array_permeability_tensor_2d")
         if r["layout"] == "row-shifted" and r["periodicity"] == periodicity
-    ]  # fmt: skip
+    ]
 
 
 def row_shifted_arrays() -> Iterator[Comparison]:
@@ -294,11 +339,18 @@ def first_lane_width() -> Iterator[Comparison]:
                 flow = _solve(row, periodicity, 0.0, spacing, bounce_back)
                 nodes = row["gap_over_pitch"] * flow.pitch
                 yield Comparison(
-                    f"first lane, R/λ = {row['radius_over_pitch']:g}", lane_width(flow),
-                    row["first_lane_width_over_gap"], WALL_ERROR[bounce_back] / 10, "gap",
-                    bounce_back, periodicity, "periodicity N_p", flow.pitch, PITCH,
+                    f"first lane, R/λ = {row['radius_over_pitch']:g}",
+                    lane_width(flow),
+                    row["first_lane_width_over_gap"],
+                    WALL_ERROR[bounce_back] / 10,
+                    "gap",
+                    bounce_back,
+                    periodicity,
+                    "periodicity N_p",
+                    flow.pitch,
+                    PITCH,
                     note=f"only {nodes:.0f} nodes in the gap" if nodes < 10 else "",
-                )  # fmt: skip
+                )
 
 
 def lane_width(flow: EmptyFlow) -> float:
@@ -316,6 +368,8 @@ def lane_width(flow: EmptyFlow) -> float:
     gap = pitch - 2 * radius
     flux = CubicSpline(y, profile).antiderivative()
     share = flux(gap) / flow.geometry.periodicity
-    low, high = flux.solve(share, extrapolate=False), flux.solve(flux(gap) - share,
-                                                                 extrapolate=False)  # fmt: skip
+    low, high = (
+        flux.solve(share, extrapolate=False),
+        flux.solve(flux(gap) - share, extrapolate=False),
+    )
     return float((low[0] + gap - high[0]) / 2 / gap)

@@ -45,9 +45,14 @@ def membrane_forces() -> Iterator[Comparison]:
         norm = np.linalg.norm(expected)
         yield Comparison(
             f"force of {term}, norm" if term != "all" else "force of all terms, norm",
-            np.linalg.norm(force), norm, 1e-12, "nN", error=np.linalg.norm(force - expected) / norm,
-            resolution=len(x), resolution_of="vertices",
-        )  # fmt: skip
+            np.linalg.norm(force),
+            norm,
+            1e-12,
+            "nN",
+            error=np.linalg.norm(force - expected) / norm,
+            resolution=len(x),
+            resolution_of="vertices",
+        )
 
 
 STEPS_AT_MOST = 40_000
@@ -101,8 +106,12 @@ def static_stretching() -> Iterator[Comparison]:
             pull[patches[side], 0] = sign * row["F_nN"] / len(patches[side])
         x = equilibrium(x0, membrane, moduli, pull, 1e-9)
         extents = dict(zip(("axial", "transverse", "thickness"), np.ptp(x, axis=0), strict=True))
-        at = {"parameter": 1e3 * row["F_nN"], "parameter_of": "force [pN]", "resolution": len(x),
-              "resolution_of": "vertices"}  # fmt: skip
+        at = {
+            "parameter": 1e3 * row["F_nN"],
+            "parameter_of": "force [pN]",
+            "resolution": len(x),
+            "resolution_of": "vertices",
+        }
         for name, extent in extents.items():
             yield Comparison(f"{name} extent", extent, row[name], 1e-5, "µm", **at)
         area = mesh.area(x, membrane.faces) / membrane.rest_area
@@ -132,10 +141,14 @@ def continuum_moduli() -> Iterator[Comparison]:
         yield from _sphere_moduli(frequency)
     for around in (25, 50, 100):
         yield Comparison(
-            "bending modulus κ / k_b", cylinder_modulus(around), mb.bending_modulus(1.0),
-            (2 * np.pi / around) ** 2, variant="cylinder", resolution=around,
+            "bending modulus κ / k_b",
+            cylinder_modulus(around),
+            mb.bending_modulus(1.0),
+            (2 * np.pi / around) ** 2,
+            variant="cylinder",
+            resolution=around,
             resolution_of="edges around",
-        )  # fmt: skip
+        )
 
 
 def _patch_moduli() -> Iterator[Comparison]:
@@ -151,14 +164,20 @@ def _patch_moduli() -> Iterator[Comparison]:
     slide = STRAIN * np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 0]])
     for variant, strain in (("patch, stretched along edges", stretch), ("patch, sheared", slide)):
         yield Comparison(
-            "shear modulus G_s / k_s", modulus("ks", strain), mb.shear_modulus(1.0), 1e-3,
+            "shear modulus G_s / k_s",
+            modulus("ks", strain),
+            mb.shear_modulus(1.0),
+            1e-3,
             variant=variant,
-        )  # fmt: skip
+        )
     for term in ("ks", "kal", "kag"):
         yield Comparison(
-            f"area modulus K / {term}", modulus(term, STRAIN * np.diag([1.0, 1.0, 0.0])),
-            _area_modulus(term), 1e-3, variant="patch",
-        )  # fmt: skip
+            f"area modulus K / {term}",
+            modulus(term, STRAIN * np.diag([1.0, 1.0, 0.0])),
+            _area_modulus(term),
+            1e-3,
+            variant="patch",
+        )
 
 
 def _area_modulus(term: str) -> float:
@@ -180,9 +199,16 @@ def flat_patch(cells: int) -> tuple[np.ndarray, Membrane]:
     edges = edges.astype(np.int32)
     area = np.full(len(faces), 3**0.5 / 4)
     return x, Membrane(
-        faces, edges, np.zeros_like(edges), np.zeros_like(faces), np.ones(len(edges)),
-        np.zeros(len(edges)), area, area.sum(), 1.0,
-    )  # fmt: skip
+        faces,
+        edges,
+        np.zeros_like(edges),
+        np.zeros_like(faces),
+        np.ones(len(edges)),
+        np.zeros(len(edges)),
+        area,
+        area.sum(),
+        1.0,
+    )
 
 
 def _sphere_moduli(frequency: int) -> Iterator[Comparison]:
@@ -193,8 +219,11 @@ def _sphere_moduli(frequency: int) -> Iterator[Comparison]:
     """
     x, faces = mesh.icosphere(frequency)
     membrane = mb.make_membrane(x, faces)
-    at = {"variant": "sphere", "resolution": frequency,
-          "resolution_of": "edges along an icosahedron edge"}  # fmt: skip
+    at = {
+        "variant": "sphere",
+        "resolution": frequency,
+        "resolution_of": "edges along an icosahedron edge",
+    }
 
     def energy(term: str, strain) -> float:
         total = sum(mb.energies(x + STRAIN * x @ strain, membrane, UNIT[term]))
@@ -204,19 +233,23 @@ def _sphere_moduli(frequency: int) -> Iterator[Comparison]:
     yield Comparison("edge surplus ΣL²/(2√3 A)", surplus, 1.0, **at)
     for term, factor in (("ks", surplus), ("kal", 1), ("kag", 1)):
         yield Comparison(
-            f"area modulus K / {term}", energy(term, np.eye(3)) / 2, factor * _area_modulus(term),
-            1e-3, **at,
-        )  # fmt: skip
+            f"area modulus K / {term}",
+            energy(term, np.eye(3)) / 2,
+            factor * _area_modulus(term),
+            1e-3,
+            **at,
+        )
     dilation = energy("ks", np.eye(3)) / 4 * 4 / 15
     shear = (energy("ks", np.diag([1.0, -1.0, 0.0])) - dilation) / (14 / 15 - 2 / 15)
-    yield Comparison(
-        "shear modulus G_s / k_s", shear, surplus * mb.shear_modulus(1.0), 1e-3, **at
-    )
+    yield Comparison("shear modulus G_s / k_s", shear, surplus * mb.shear_modulus(1.0), 1e-3, **at)
     flat = membrane._replace(rest_angles=np.zeros_like(membrane.rest_angles))
     yield Comparison(
-        "bending energy / k_b", mb.energies(x, flat, UNIT["kb"]).bending, 4 * np.pi / 3**0.5, 0.05,
+        "bending energy / k_b",
+        mb.energies(x, flat, UNIT["kb"]).bending,
+        4 * np.pi / 3**0.5,
+        0.05,
         **at,
-    )  # fmt: skip
+    )
 
 
 def cylinder_modulus(around: int) -> float:
@@ -247,8 +280,14 @@ def dihedral(x: np.ndarray) -> float:
     return float(scratch.angles[0])
 
 
-ERYTHROCYTE = {"radius_um": 3.91, "shear_modulus": 5.3, "bending_modulus": 0.2, "kal": 10.6,
-               "kag": 500.0, "kv": 900.0}  # fmt: skip
+ERYTHROCYTE = {
+    "radius_um": 3.91,
+    "shear_modulus": 5.3,
+    "bending_modulus": 0.2,
+    "kal": 10.6,
+    "kag": 500.0,
+    "kv": 900.0,
+}
 CONTACT_RADIUS_UM = 1.0
 ONE_VIEW = (
     "The transverse diameter was measured from one direction; a stretched cell that turns about "
@@ -274,8 +313,11 @@ def erythrocyte_stretching() -> Iterator[Comparison]:
     moduli = Moduli(
         ks=given["shear_modulus"] / mb.shear_modulus(1.0) * 1e-3,
         kb=given["bending_modulus"] / mb.bending_modulus(1.0) * 1e-3,
-        kal=given["kal"] * 1e-3, kag=given["kag"] * 1e-3, kv=given["kv"] * 1e-3, kvisc=0.0,
-    )  # fmt: skip
+        kal=given["kal"] * 1e-3,
+        kag=given["kag"] * 1e-3,
+        kv=given["kv"] * 1e-3,
+        kvisc=0.0,
+    )
     table = read_reference("erythrocyte_stretching_experiment")
     for frequency, factor in ((8, 1), (12, 1), (8, 20)):
         x, faces = mesh.make_shape("biconcave", given["radius_um"], frequency)
@@ -297,6 +339,13 @@ def erythrocyte_stretching() -> Iterator[Comparison]:
                 missed = name == "transverse" and diameter > row["transverse_hi"]
                 mark = abs(bound / mean - 1) if factor == 1 else None
                 yield Comparison(
-                    f"{name} diameter", diameter, mean, mark, "µm", variant, row["force_pN"],
-                    "force [pN]", note=ONE_VIEW if missed else "",
-                )  # fmt: skip
+                    f"{name} diameter",
+                    diameter,
+                    mean,
+                    mark,
+                    "µm",
+                    variant,
+                    row["force_pN"],
+                    "force [pN]",
+                    note=ONE_VIEW if missed else "",
+                )

@@ -17,9 +17,13 @@ from dldsim.solver.units import Units
 
 GEOMETRY = Geometry(pillar_radius_um=7, gap_um=16, periodicity=8)
 MEMBRANE = Stiffness(
-    ks_uN_per_m=15.24, kb_pN_um=0.25, kal_uN_per_m=30.0, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=15.24,
+    kb_pN_um=0.25,
+    kal_uN_per_m=30.0,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 NOTHING = 1e-30
 """A modulus that is computed with and adds nothing to any sum."""
 REPEATS = 5
@@ -57,8 +61,9 @@ def alternate(first: Callable[[], None], second: Callable[[], None]) -> float:
 
 def _pair(name: str, error: float, mark: float, ratio: float, note: str) -> Iterator[Comparison]:
     """Rows of one thing left out: difference of the results, ratio of the times."""
-    yield Comparison("difference of the results", error, 0.0, mark, "relative", name, error=error,
-                     note=note)  # fmt: skip
+    yield Comparison(
+        "difference of the results", error, 0.0, mark, "relative", name, error=error, note=note
+    )
     yield Comparison(TIME, ratio, 1.0, None, "1", name, note=note)
 
 
@@ -68,9 +73,15 @@ def _in_box(stiffness: Stiffness, inertia: str = "stokes") -> CellInFlow:
     lattice = make_pillars(28, 0, 0.0, height=16)
     fluid = Fluid.of(lattice, numerics)
     scene = CellInFlow(
-        fluid, Units.of(1.25, Flow(), numerics), Cell(), stiffness, numerics, {}, np.eye(2),
+        fluid,
+        Units.of(1.25, Flow(), numerics),
+        Cell(),
+        stiffness,
+        numerics,
+        {},
+        np.eye(2),
         np.zeros(2),
-    )  # fmt: skip
+    )
     scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
     scene.place((14.0, 14.0, 8.0))
     scene.body.x[:, 0] += 0.2 * (scene.body.x[:, 0] - 14.0)
@@ -79,9 +90,10 @@ def _in_box(stiffness: Stiffness, inertia: str = "stokes") -> CellInFlow:
 
 def _terms() -> Iterator[Comparison]:
     for key, name in (
-        ("kb_pN_um", "bending"), ("kvisc_nN_s_per_m", "membrane viscosity"),
+        ("kb_pN_um", "bending"),
+        ("kvisc_nN_s_per_m", "membrane viscosity"),
         ("kal_uN_per_m", "local area"),
-    ):  # fmt: skip
+    ):
         without = _in_box(MEMBRANE.model_copy(update={key: 0.0}))
         with_it = _in_box(MEMBRANE.model_copy(update={key: NOTHING}))
         for scene in (with_it, without):
@@ -153,8 +165,10 @@ def _height() -> Iterator[Comparison]:
         fluids.append(fluid)
     flat, tall = fluids
     ratio = alternate(lambda: tall.advance(STEPS), lambda: flat.advance(STEPS))
-    error = np.abs(tall.mean_velocity() / flat.mean_velocity()[0] -
-                   flat.mean_velocity() / flat.mean_velocity()[0]).max()  # fmt: skip
+    error = np.abs(
+        tall.mean_velocity() / flat.mean_velocity()[0]
+        - flat.mean_velocity() / flat.mean_velocity()[0]
+    ).max()
     yield from _pair(
         "walls and height", error, 1e-12, ratio, "two-dimensional limit, 16 nodes high"
     )
@@ -181,22 +195,37 @@ def _solid() -> Iterator[Comparison]:
     share = 1 - array.lattice.nodes / array.lattice.cells
     exact = np.pi * GEOMETRY.pillar_radius_um**2 / GEOMETRY.pitch_um**2
     yield Comparison(
-        "share of nodes without populations", share, exact, None, "1", "solid nodes",
+        "share of nodes without populations",
+        share,
+        exact,
+        None,
+        "1",
+        "solid nodes",
         note=f"{array.lattice.nodes:,} of {array.lattice.cells:,} nodes are kept",
-    )  # fmt: skip
+    )
 
 
 def _later_rows() -> Iterator[Comparison]:
     """Rows after the last one asked for: the path up to there does not know of them."""
     _, short, long = (  # the first one loads the kernels
         simulate_run(
-            Geometry(pillar_radius_um=5, gap_um=12, periodicity=4), MEMBRANE, Cell(), Flow(),
-            Numerics(), RunControl(max_rows=rows, min_rows=rows), run_id="x",
+            Geometry(pillar_radius_um=5, gap_um=12, periodicity=4),
+            MEMBRANE,
+            Cell(),
+            Flow(),
+            Numerics(),
+            RunControl(max_rows=rows, min_rows=rows),
+            run_id="x",
             stiffness_set="3",
         ).row
         for rows in (3, 3, 6)
-    )  # fmt: skip
+    )
     a, b = (np.array(run["lateral_steps_um"])[:3] for run in (short, long))
     ratio = long["wall_time_s"] / short["wall_time_s"]
-    yield from _pair("rows after the last one needed", np.abs(a - b).max(), 1e-12, ratio,
-                     "lateral steps of three rows, run over three or six")  # fmt: skip
+    yield from _pair(
+        "rows after the last one needed",
+        np.abs(a - b).max(),
+        1e-12,
+        ratio,
+        "lateral steps of three rows, run over three or six",
+    )

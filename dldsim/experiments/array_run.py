@@ -149,24 +149,55 @@ def simulate_run(
     A cell that clogs or a run that leaves its stable range is a result with a status. Raises
     DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
     """
+
     def attempt(shorter: float) -> RunResult:
-        return _simulate(geometry, stiffness, cell, flow, numerics, control, run_id,
-                         outcome_id or run_id, stiffness_set, empty_flow, others, observe,
-                         progress, shorter)
+        return _simulate(
+            geometry,
+            stiffness,
+            cell,
+            flow,
+            numerics,
+            control,
+            run_id,
+            outcome_id or run_id,
+            stiffness_set,
+            empty_flow,
+            others,
+            observe,
+            progress,
+            shorter,
+        )
 
     return again_if_unstable(attempt, numerics, progress)
 
 
-def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcome_id,
-              stiffness_set, empty_flow, others, observe, progress, shorter) -> RunResult:
+def _simulate(
+    geometry,
+    stiffness,
+    cell,
+    flow,
+    numerics,
+    control,
+    run_id,
+    outcome_id,
+    stiffness_set,
+    empty_flow,
+    others,
+    observe,
+    progress,
+    shorter,
+) -> RunResult:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
     start = time.perf_counter()
     wanted = numerics
     if flow.height_um == 0:
         raise DldsimError(
             "height_um = 0 is the two-dimensional limit of the empty flow; a cell needs a channel "
-            "height, at least its own size.", key="flow.height_um", value=0, allowed="> 0",
-        )  # fmt: skip
+            "height, at least its own size.",
+            key="flow.height_um",
+            value=0,
+            allowed="> 0",
+        )
     if empty_flow is None:
         empty_flow = solve_empty_array(geometry, flow, numerics, progress)
     _check_flow(empty_flow, geometry, flow, numerics)
@@ -207,8 +238,9 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
             observe(scene, record)
 
     def analyse(lateral: np.ndarray) -> Migration:
-        return analyse_path(lateral * array.spacing_um, geometry.pitch_um, geometry.periodicity,
-                            control, others)
+        return analyse_path(
+            lateral * array.spacing_um, geometry.pitch_um, geometry.periodicity, control, others
+        )
 
     keep()
     loop = time.perf_counter()
@@ -273,33 +305,54 @@ def _simulate(geometry, stiffness, cell, flow, numerics, control, run_id, outcom
 
 
 MIGRATION = (
-    "mode", "migration_angle_deg", "angle_low_deg", "angle_high_deg", "first_period_angle_deg",
-    "orbit_rows", "settled_row", "row_map_peak", "transition_distance", "capture_chance",
-)  # fmt: skip
+    "mode",
+    "migration_angle_deg",
+    "angle_low_deg",
+    "angle_high_deg",
+    "first_period_angle_deg",
+    "orbit_rows",
+    "settled_row",
+    "row_map_peak",
+    "transition_distance",
+    "capture_chance",
+)
 """Members of a Migration that are columns of `runs` by the same name."""
 
 
 def broken_off(status: str, reason: str, lateral_steps: np.ndarray) -> Migration:
     """Migration of a run that is stuck, unstable or failed: none."""
-    return Migration(**dict.fromkeys(MIGRATION) | {
-        "status": status, "reason": reason, "mode": "none", "orbit_rows": 0,
-        "lateral_steps": lateral_steps,
-    })  # fmt: skip
+    return Migration(
+        **dict.fromkeys(MIGRATION)
+        | {
+            "status": status,
+            "reason": reason,
+            "mode": "none",
+            "orbit_rows": 0,
+            "lateral_steps": lateral_steps,
+        }
+    )
 
 
 def migration_of(row: Mapping) -> Migration:
     """The Migration that a row of `runs` was made from, in µm; its path starts at the height in the
     gap, which differs from that on the lattice by the same for all releases."""
     return Migration(
-        row["status"], row["stop_reason"], **{name: row[name] for name in MIGRATION},
+        row["status"],
+        row["stop_reason"],
+        **{name: row[name] for name in MIGRATION},
         lateral_steps=np.array(row["lateral_steps_um"]),
         lateral_start=row["release_gap_fraction"] * row["gap_um"],
-    )  # fmt: skip
+    )
 
 
 def known_of(
-    outcome_id: str, geometry: Geometry, stiffness: Stiffness, stiffness_set: str, cell: CellShape,
-    flow: Flow, numerics: Numerics,
+    outcome_id: str,
+    geometry: Geometry,
+    stiffness: Stiffness,
+    stiffness_set: str,
+    cell: CellShape,
+    flow: Flow,
+    numerics: Numerics,
 ) -> dict:
     """Columns that `runs` and `outcomes` share and that need no simulation."""
     return {
@@ -370,6 +423,7 @@ def simulate_outcome(
     places, narrow = list(control.release_gap_fractions), []
     runs = {place: finished[place] for place in places if place in finished}
     migrations = {place: migration_of(run.row) for place, run in runs.items()}
+
     def together() -> dict[float, Migration]:
         return taken_together(migrations, geometry.pitch_um, geometry.periodicity, control)
 
@@ -383,13 +437,20 @@ def simulate_outcome(
             progress(f"release at {place:g} of the gap")
         try:
             runs[place] = simulate_run(
-                geometry, stiffness,
-                Cell(**cell.model_dump() | {"release_gap_fraction": place}), flow, numerics,
+                geometry,
+                stiffness,
+                Cell(**cell.model_dump() | {"release_gap_fraction": place}),
+                flow,
+                numerics,
                 control.model_copy(update={"max_rows": min(control.max_rows, left)}),
-                run_id=release_id(outcome_id, place), outcome_id=outcome_id,
-                stiffness_set=stiffness_set, empty_flow=empty_flow,
-                others=list(migrations.values()), observe=observe, progress=progress,
-            )  # fmt: skip
+                run_id=release_id(outcome_id, place),
+                outcome_id=outcome_id,
+                stiffness_set=stiffness_set,
+                empty_flow=empty_flow,
+                others=list(migrations.values()),
+                observe=observe,
+                progress=progress,
+            )
         except NoRoom as error:
             places.remove(place)
             narrow.append(place)
@@ -415,10 +476,20 @@ def simulate_outcome(
 
 
 OUTCOME = (
-    "mode", "migration_angle_deg", "angle_low_deg", "angle_high_deg", "angle_spread_deg",
-    "share_bump", "share_mixed", "share_zigzag", "share_none", "coexisting", "settled_row",
-    "transition_distance", "releases",
-)  # fmt: skip
+    "mode",
+    "migration_angle_deg",
+    "angle_low_deg",
+    "angle_high_deg",
+    "angle_spread_deg",
+    "share_bump",
+    "share_mixed",
+    "share_zigzag",
+    "share_none",
+    "coexisting",
+    "settled_row",
+    "transition_distance",
+    "releases",
+)
 """Members of an Outcome that are columns of `outcomes` by the same name."""
 MID_GAP = 0.5
 """Where the source releases its cells."""
@@ -481,12 +552,15 @@ def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> d
 def _check_flow(empty_flow: EmptyFlow, geometry: Geometry, flow: Flow, numerics: Numerics) -> None:
     """Refuse an empty flow that was solved for anything else than this run's array and drive."""
     wanted = {
-        **geometry.model_dump(), **flow.model_dump(), **numerics.model_dump(exclude=CELL_NUMERICS)
-    }  # fmt: skip
+        **geometry.model_dump(),
+        **flow.model_dump(),
+        **numerics.model_dump(exclude=CELL_NUMERICS),
+    }
     solved = {
-        **empty_flow.geometry.model_dump(), **empty_flow.flow.model_dump(),
+        **empty_flow.geometry.model_dump(),
+        **empty_flow.flow.model_dump(),
         **empty_flow.numerics.model_dump(),
-    }  # fmt: skip
+    }
     other = [f"{k} = {solved[k]} (run: {v})" for k, v in wanted.items() if solved[k] != v]
     if other:
         raise DldsimError(
@@ -516,13 +590,22 @@ def make_scene(
     if flow.drive == "axial":
         mobility = np.diag([mobility[0, 0], np.inf])
     scene = CellInFlow(
-        fluid, units, cell, stiffness, numerics,
+        fluid,
+        units,
+        cell,
+        stiffness,
+        numerics,
         {
-            "pillars": True, "pitch": float(array.pitch), "row_shift": float(array.row_shift),
-            "radius": array.radius, "plates": True, "height": float(array.height),
+            "pillars": True,
+            "pitch": float(array.pitch),
+            "row_shift": float(array.row_shift),
+            "radius": array.radius,
+            "plates": True,
+            "height": float(array.height),
         },
-        mobility, np.array([numerics.velocity_lu, 0.0]),
-    )  # fmt: skip
+        mobility,
+        np.array([numerics.velocity_lu, 0.0]),
+    )
     gap = array.pitch - 2 * array.radius
     # Midway between rows -1 and 0 the gap is displaced by half a row shift.
     middle = array.pitch / 2 - array.row_shift / 2
@@ -533,11 +616,13 @@ def make_scene(
         raise NoRoom(
             f"The {cell.shape} of radius {cell.radius_um:g} µm (axis {cell.axis}) does not fit at "
             f"its release: clearance {free * array.spacing_um:.2f} µm, needed "
-            f"{RELEASE_CLEARANCE * array.spacing_um:.2f} µm.", key="cell.release_gap_fraction",
-            value=cell.release_gap_fraction, allowed="where the cell fits",
+            f"{RELEASE_CLEARANCE * array.spacing_um:.2f} µm.",
+            key="cell.release_gap_fraction",
+            value=cell.release_gap_fraction,
+            allowed="where the cell fits",
             remedy="Change cell.release_gap_fraction or cell.axis, or raise flow.height_um "
             f"(now {flow.height_um:g}).",
-        )  # fmt: skip
+        )
     return scene
 
 

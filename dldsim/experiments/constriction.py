@@ -102,15 +102,27 @@ def simulate_constriction(
     its rim at the taper; ``release_position_um`` is counted backwards from there. A cell that clogs
     or a run that leaves its stable range is a result with a status.
     """
+
     def attempt(shorter: float) -> ConstrictionResult:
-        return _simulate(group_name, group, channel, cell, flow, numerics, release_position_um,
-                         run_id, progress, shorter)
+        return _simulate(
+            group_name,
+            group,
+            channel,
+            cell,
+            flow,
+            numerics,
+            release_position_um,
+            run_id,
+            progress,
+            shorter,
+        )
 
     return again_if_unstable(attempt, numerics, progress)
 
 
-def _simulate(group_name, group, channel, cell, flow, numerics, release_position_um, run_id,
-              progress, shorter) -> ConstrictionResult:
+def _simulate(
+    group_name, group, channel, cell, flow, numerics, release_position_um, run_id, progress, shorter
+) -> ConstrictionResult:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
     check_release(release_position_um, channel, cell)
     scene_channel = make_channel(channel, numerics)
@@ -124,14 +136,22 @@ def _simulate(group_name, group, channel, cell, flow, numerics, release_position
 
     def make_scene(numerics: Numerics, mobility: float = 1.0) -> CellInFlow:
         return CellInFlow(
-            fluid, Units.of(spacing, flow, numerics), cell, group.stiffness, numerics,
+            fluid,
+            Units.of(spacing, flow, numerics),
+            cell,
+            group.stiffness,
+            numerics,
             {
-                "plates": True, "height": float(scene_channel.height), "channel": True,
-                "profile": scene_channel.profile, "centre": scene_channel.centre,
+                "plates": True,
+                "height": float(scene_channel.height),
+                "channel": True,
+                "profile": scene_channel.profile,
+                "centre": scene_channel.centre,
                 "length": float(scene_channel.length),
             },
-            np.diag([mobility, np.inf]), np.array([numerics.velocity_lu * box_share, 0.0]),
-        )  # fmt: skip
+            np.diag([mobility, np.inf]),
+            np.array([numerics.velocity_lu * box_share, 0.0]),
+        )
 
     trial = make_scene(numerics)
     trial.place(np.array([0.0, scene_channel.centre, scene_channel.height / 2]))
@@ -155,10 +175,12 @@ def _simulate(group_name, group, channel, cell, flow, numerics, release_position
     if scene.sample().clearance < 0.5:
         raise NoRoom(
             f"The {cell.shape} of radius {cell.radius_um:g} µm does not fit the channel of "
-            f"{channel.width_um:g} × {channel.height_um:g} µm.", key="cell.radius_um",
-            value=cell.radius_um, allowed="less than the channel is wide and high",
+            f"{channel.width_um:g} × {channel.height_um:g} µm.",
+            key="cell.radius_um",
+            value=cell.radius_um,
+            allowed="less than the channel is wide and high",
             remedy="Lower cell.radius_um, or widen or raise the channel.",
-        )  # fmt: skip
+        )
     record = Record(
         run_id, units, np.array([(begin + end) / 2, scene_channel.centre, scene_channel.height / 2])
     )

@@ -139,9 +139,11 @@ def analyse_path(
     rows = len(steps)
     if rows < periodicity:
         return Migration(
-            "undecided", f"only {rows} rows, fewer than one period of {periodicity}",
-            lateral_steps=steps, lateral_start=float(lateral[0]) if len(lateral) else 0.0,
-        )  # fmt: skip
+            "undecided",
+            f"only {rows} rows, fewer than one period of {periodicity}",
+            lateral_steps=steps,
+            lateral_start=float(lateral[0]) if len(lateral) else 0.0,
+        )
     m = steps * periodicity / pitch
     found = (
         resting(m, control)
@@ -153,17 +155,25 @@ def analyse_path(
     return _migration(found, m, lateral, periodicity)
 
 
-def _migration(
-    found: Motion, m: np.ndarray, lateral: np.ndarray, periodicity: int
-) -> Migration:
+def _migration(found: Motion, m: np.ndarray, lateral: np.ndarray, periodicity: int) -> Migration:
     """Migration of a motion on a path of steps m in row shifts."""
     angle = angle_of(found.mean, periodicity)
     return Migration(
-        found.status, found.reason, mode_of(angle, 1 / periodicity), angle,
-        angle_of(found.low, periodicity), angle_of(found.high, periodicity),
-        angle_of(m[:periodicity].mean(), periodicity), found.orbit_rows, found.settled_row,
-        found.peak, found.distance, found.capture, np.diff(lateral), float(lateral[0]),
-    )  # fmt: skip
+        found.status,
+        found.reason,
+        mode_of(angle, 1 / periodicity),
+        angle,
+        angle_of(found.low, periodicity),
+        angle_of(found.high, periodicity),
+        angle_of(m[:periodicity].mean(), periodicity),
+        found.orbit_rows,
+        found.settled_row,
+        found.peak,
+        found.distance,
+        found.capture,
+        np.diff(lateral),
+        float(lateral[0]),
+    )
 
 
 # ------------------------------------------------------------------------------- in the bump lane
@@ -214,8 +224,15 @@ def resting(m: np.ndarray, control: RunControl) -> Motion | None:
         "converged",
         f"rests in the bump lane since row {entry}: moved by {moved:.3f} row shifts in the last "
         f"{still} rows, " + ("within the positions taken before" if within else "less and less"),
-        1.0, 1 - moved / still, 1 + moved / still, 1, entry, peak, peak - 1, 0.0,
-    )  # fmt: skip
+        1.0,
+        1 - moved / still,
+        1 + moved / still,
+        1,
+        entry,
+        peak,
+        peak - 1,
+        0.0,
+    )
 
 
 def swinging(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | None:
@@ -250,8 +267,15 @@ def swinging(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | N
         "stationary",
         f"swings in the bump lane since row {entry}: {len(dips)} swings of {rows_per_swing:.1f} "
         f"rows, chance to leave it {fall:.1g} per row",
-        1.0, 1 - half_width, 1 + half_width, 0, entry, peak, peak - 1, 0.0,
-    )  # fmt: skip
+        1.0,
+        1 - half_width,
+        1 + half_width,
+        0,
+        entry,
+        peak,
+        peak - 1,
+        0.0,
+    )
 
 
 # -------------------------------------------------------------------------------- orbits and passes
@@ -290,9 +314,15 @@ def repeating(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | 
             return Motion(
                 "periodic",
                 f"repeats every {p} rows; returns are within {off:.3f} row shifts and {how}",
-                mean, mean - half_width, mean + half_width, p, len(m) - block - p, peak, peak - 1,
+                mean,
+                mean - half_width,
+                mean + half_width,
+                p,
+                len(m) - block - p,
+                peak,
+                peak - 1,
                 0.0,
-            )  # fmt: skip
+            )
     return None
 
 
@@ -415,9 +445,15 @@ def passing(
         "stationary",
         f"{count} passes of {periodicity / (1 - mean):.2f} rows with peaks of {peaks.mean():.2f} "
         f"row shifts{shared}; chance of capture by the bump lane {capture:.1g} per row",
-        mean, low, high, 0, int(own.starts[0]), float(peaks.max()), float(peaks.mean()) - 1,
+        mean,
+        low,
+        high,
+        0,
+        int(own.starts[0]),
+        float(peaks.max()),
+        float(peaks.mean()) - 1,
         capture,
-    )  # fmt: skip
+    )
 
 
 def capture_per_row(releases: Sequence[Passes], control: RunControl) -> float:
@@ -518,7 +554,10 @@ def taken_together(
 
 
 def in_the_lane_of(
-    others: Sequence[Migration], lateral: np.ndarray, pitch: float, periodicity: int,
+    others: Sequence[Migration],
+    lateral: np.ndarray,
+    pitch: float,
+    periodicity: int,
     control: RunControl,
 ) -> Migration | None:
     """A path (rows + 1,) that swings about the place in the bump lane where another has settled.
@@ -551,12 +590,25 @@ def in_the_lane_of(
         apart = abs(float(here.mean() - there.mean()) - shift)
         if apart <= MAP_SCATTER[0] and low <= here.min() and here.max() <= high:
             half_width, peak = float(np.ptp(here)) / rows, float(m[entry:].max())
-            return _migration(Motion(
-                "stationary",
-                f"swings in the bump lane since row {entry}, about the place where another release "
-                f"has settled: {apart:.2f} row shifts from it on the mean of {rows} rows",
-                1.0, 1 - half_width, 1 + half_width, 0, entry, peak, peak - 1, 0.0,
-            ), m, lateral, periodicity)  # fmt: skip
+            return _migration(
+                Motion(
+                    "stationary",
+                    f"swings in the bump lane since row {entry}, about the place where another "
+                    f"release has settled: {apart:.2f} row shifts from it on the mean of {rows} "
+                    "rows",
+                    1.0,
+                    1 - half_width,
+                    1 + half_width,
+                    0,
+                    entry,
+                    peak,
+                    peak - 1,
+                    0.0,
+                ),
+                m,
+                lateral,
+                periodicity,
+            )
     return None
 
 
@@ -566,12 +618,17 @@ def outcome_of(migrations: Mapping[float, Migration], periodicity: int) -> Outco
     shares = flux_shares(list(migrations))
     known = [k for k, one in enumerate(found) if one.migration_angle_deg is not None]
     status, reason = _verdict(migrations)
-    by_mode = {mode: float(sum(share for share, one in zip(shares, found, strict=True)
-                               if one.mode == mode)) for mode in MODES}
+    by_mode = {
+        mode: float(
+            sum(share for share, one in zip(shares, found, strict=True) if one.mode == mode)
+        )
+        for mode in MODES
+    }
     distances = [one.transition_distance for one in found if one.transition_distance is not None]
     rows = [one.settled_row for one in found]
     mean = low = high = spread = None
     if known:
+
         def average(name: str) -> float:
             values = [getattr(found[k], name) for k in known]
             return float(np.average(values, weights=shares[known]))
@@ -579,10 +636,19 @@ def outcome_of(migrations: Mapping[float, Migration], periodicity: int) -> Outco
         mean, low, high = map(average, ("migration_angle_deg", "angle_low_deg", "angle_high_deg"))
         spread = float(np.ptp([found[k].migration_angle_deg for k in known]))
     return Outcome(
-        status, reason, "none" if mean is None else mode_of(mean, 1 / periodicity),
-        mean, low, high, spread, *(by_mode[mode] for mode in MODES), status == "coexisting",
-        None if None in rows else max(rows), min(distances, key=abs, default=None), len(found),
-    )  # fmt: skip
+        status,
+        reason,
+        "none" if mean is None else mode_of(mean, 1 / periodicity),
+        mean,
+        low,
+        high,
+        spread,
+        *(by_mode[mode] for mode in MODES),
+        status == "coexisting",
+        None if None in rows else max(rows),
+        min(distances, key=abs, default=None),
+        len(found),
+    )
 
 
 def _verdict(migrations: Mapping[float, Migration]) -> tuple[str, str]:

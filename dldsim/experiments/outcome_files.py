@@ -20,8 +20,7 @@ def flow_row(result) -> dict:
 
 
 class OutcomeFiles(NamedTuple):
-    """Tables of one outcome: its row of `outcomes`, its `runs`, the `trajectory` of all releases.
-    """
+    """Tables of one outcome: row of `outcomes`, its `runs`, `trajectory` of all releases."""
 
     outcome: Path
     runs: Path
@@ -36,8 +35,12 @@ def write_outcome(result, files: OutcomeFiles, settings: Mapping) -> None:
     write_table("outcomes", [{**NOT_JOINED, **result.row}], files.outcome, about)
 
 
-NOT_JOINED = {"deformation_index": None, "deformation_index_std": None, "sigma_num_deg": None,
-              "sigma_num_basis": "not joined yet"}
+NOT_JOINED = {
+    "deformation_index": None,
+    "deformation_index_std": None,
+    "sigma_num_deg": None,
+    "sigma_num_basis": "not joined yet",
+}
 """Columns of `outcomes` that are filled when the outcomes are gathered."""
 
 
@@ -75,8 +78,10 @@ class Partial:
 
     def _files(self, place: float) -> tuple[Path, Path]:
         name = identifiers.run_id(self.outcome, place)
-        return (self.directory / f"{name}.run.parquet",
-                self.directory / f"{name}.trajectory.parquet")
+        return (
+            self.directory / f"{name}.run.parquet",
+            self.directory / f"{name}.trajectory.parquet",
+        )
 
     def keep(self, place: float, result) -> None:
         """Write a RunResult; its row last, which says that all of it is there."""

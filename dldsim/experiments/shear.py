@@ -126,9 +126,13 @@ def capsule_in_shear(
     start = time.perf_counter()
     nu = viscosity(relaxation_time)
     numerics = Numerics(
-        spacing_um=1, relaxation_time=relaxation_time, kernel=kernel,
-        edge_to_spacing=edge_to_spacing, contact_range_um=0, precision=precision,
-    )  # fmt: skip
+        spacing_um=1,
+        relaxation_time=relaxation_time,
+        kernel=kernel,
+        edge_to_spacing=edge_to_spacing,
+        contact_range_um=0,
+        precision=precision,
+    )
     shape = tuple(round(radii * radius) for radii in (length, width, height))
     unit = moduli_of(law, 1.0, bending * radius**2)
     probe = _scene(shape, 0.0, radius, unit, flat_rest_angles, numerics)
@@ -154,16 +158,28 @@ def capsule_in_shear(
     history = np.array(history)
     before, last = (history[-n:, 1:][:SAMPLES].mean(axis=0) for n in (2 * SAMPLES, SAMPLES))
     return ShearRun(
-        *((before + last) / 2), last[0] - before[0], history, sample.volume_ratio,
-        sample.area_ratio, modulus, shear_rate, scene.vertices, scene.fluid.lattice.nodes,
-        scene.steps, time.perf_counter() - start,
-    )  # fmt: skip
+        *((before + last) / 2),
+        last[0] - before[0],
+        history,
+        sample.volume_ratio,
+        sample.area_ratio,
+        modulus,
+        shear_rate,
+        scene.vertices,
+        scene.fluid.lattice.nodes,
+        scene.steps,
+        time.perf_counter() - start,
+    )
 
 
 def _scene(
-    shape: tuple, shear_rate: float, radius: int, moduli: mb.Moduli, flat_rest_angles: bool,
+    shape: tuple,
+    shear_rate: float,
+    radius: int,
+    moduli: mb.Moduli,
+    flat_rest_angles: bool,
     numerics: Numerics,
-) -> CellInFlow:  # fmt: skip
+) -> CellInFlow:
     """A capsule at rest in the middle of a box of ``shape`` nodes, in steady shear."""
     nx, ny, nz = shape
     plates = -shear_rate * nz / 2, shear_rate * nz / 2
@@ -173,10 +189,15 @@ def _scene(
     fluid = Fluid.of(lattice, numerics)
     start_shear(fluid, shear_rate)
     scene = CellInFlow(
-        fluid, Units(1.0, 1.0, 1.0, 1.0, viscosity(numerics.relaxation_time)),
+        fluid,
+        Units(1.0, 1.0, 1.0, 1.0, viscosity(numerics.relaxation_time)),
         Cell(shape="sphere", radius_um=radius),
-        Stiffness(**dict.fromkeys(Stiffness.model_fields, 0)), numerics, {}, np.eye(2), np.zeros(2),
-    )  # fmt: skip
+        Stiffness(**dict.fromkeys(Stiffness.model_fields, 0)),
+        numerics,
+        {},
+        np.eye(2),
+        np.zeros(2),
+    )
     scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
     rest = scene.membrane
     nu = scene.units.viscosity_lu

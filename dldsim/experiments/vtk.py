@@ -46,8 +46,12 @@ class Shapes:
 
     def area_strain(self) -> np.ndarray:
         """Relative growth A/A₀ − 1 of every face since release (T, F), float32."""
-        size = np.stack([np.linalg.norm(area_vectors(x.astype(float), self.faces), axis=1)
-                         for x in self.points_um])  # fmt: skip
+        size = np.stack(
+            [
+                np.linalg.norm(area_vectors(x.astype(float), self.faces), axis=1)
+                for x in self.points_um
+            ]
+        )
         return (size / size[0] - 1).astype(np.float32)
 
     def departure_um(self, trajectory: Mapping[str, np.ndarray]) -> float:
@@ -88,10 +92,15 @@ class Recorder:
         """What was recorded of this run."""
         kept = {name: values[:: self.every] for name, values in result.trajectory.items()}
         return Shapes(
-            geometry, result.row["height_on_lattice_um"], result.row["cell_radius_um"],
-            kept["step"], kept["t_ms"], np.column_stack([kept[f"{axis}_um"] for axis in "xyz"]),
-            np.stack(self._points), self._faces,
-        )  # fmt: skip
+            geometry,
+            result.row["height_on_lattice_um"],
+            result.row["cell_radius_um"],
+            kept["step"],
+            kept["t_ms"],
+            np.column_stack([kept[f"{axis}_um"] for axis in "xyz"]),
+            np.stack(self._points),
+            self._faces,
+        )
 
 
 def write_vtkhdf(shapes: Shapes, path: Path, about: Mapping[str, Any]) -> None:
@@ -115,11 +124,18 @@ def write_vtkhdf(shapes: Shapes, path: Path, about: Mapping[str, Any]) -> None:
         steps["CellDataOffsets/area_strain"] = frames * faces
         # outside VTKHDF: what readers of the format ignore and `read_vtkhdf` needs
         extra = file.create_group("dldsim")
-        extra.attrs["json"] = json.dumps({
-            "dldsim_version": __version__, "physics_version": PHYSICS_VERSION,
-            "geometry": shapes.geometry.model_dump(), "height_um": shapes.height_um,
-            "cell_radius_um": shapes.cell_radius_um, "about": dict(about),
-        }, ensure_ascii=False, sort_keys=True)  # fmt: skip
+        extra.attrs["json"] = json.dumps(
+            {
+                "dldsim_version": __version__,
+                "physics_version": PHYSICS_VERSION,
+                "geometry": shapes.geometry.model_dump(),
+                "height_um": shapes.height_um,
+                "cell_radius_um": shapes.cell_radius_um,
+                "about": dict(about),
+            },
+            ensure_ascii=False,
+            sort_keys=True,
+        )
         extra["step"] = shapes.step
         extra["centre_um"] = shapes.centre_um
         file.close()
@@ -135,13 +151,19 @@ def read_vtkhdf(path: Path) -> Shapes:
             about = json.loads(extra.attrs["json"])
             points = root["Points"][:].reshape(len(root["Steps/Values"]), -1, 3)
             return Shapes(
-                Geometry(**about["geometry"]), about["height_um"], about["cell_radius_um"],
-                extra["step"][:], root["Steps/Values"][:], extra["centre_um"][:], points,
+                Geometry(**about["geometry"]),
+                about["height_um"],
+                about["cell_radius_um"],
+                extra["step"][:],
+                root["Steps/Values"][:],
+                extra["centre_um"][:],
+                points,
                 root["Polygons/Connectivity"][:].reshape(-1, 3).astype(np.int32),
-            )  # fmt: skip
+            )
     except (OSError, KeyError, ValueError) as error:
-        raise DldsimError(f"{path} is no membrane time series of dldsim, or is damaged ({error}). "
-                          "Make it anew.") from error  # fmt: skip
+        raise DldsimError(
+            f"{path} is no membrane time series of dldsim, or is damaged ({error}). Make it anew."
+        ) from error
 
 
 def write_pillars(passages: Sequence[Shapes], path: Path, sides: int = 48) -> None:

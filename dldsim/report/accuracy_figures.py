@@ -12,15 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from dldsim.evidence.accuracy import ANGLE, INDEX, REFERENCE, RELEASE, REPLAYED
-from dldsim.report.style import (
-    GREY,
-    MODE_COLOUR,
-    dot,
-    key,
-    legend,
-    multiples,
-    styled,
-)
+from dldsim.report.style import GREY, MODE_COLOUR, dot, key, legend, multiples, styled
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C00")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
@@ -47,8 +39,10 @@ def value_text(setting: str) -> str:
 
 def knob_styles(knobs) -> dict[str, tuple[str, str]]:
     """Colour and marker of each knob; colours repeat with another marker."""
-    return {knob: (COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)])
-            for i, knob in enumerate(dict.fromkeys(knobs))}
+    return {
+        knob: (COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)])
+        for i, knob in enumerate(dict.fromkeys(knobs))
+    }
 
 
 def overall(accuracy: pd.DataFrame, quantity: str) -> pd.DataFrame:
@@ -73,21 +67,32 @@ def overall(accuracy: pd.DataFrame, quantity: str) -> pd.DataFrame:
     keys = ["kind", "knob", "setting", "rank"]
     for (kind, knob, setting, _), group in part.groupby(keys, sort=False):
         repeated_default = kind == "knob" and group["is_default"].all()
-        if (len(group) < len(default) or group["error_to_reference_share"].isna().any()
-                or repeated_default):
+        if (
+            len(group) < len(default)
+            or group["error_to_reference_share"].isna().any()
+            or repeated_default
+        ):
             continue
-        rows.append({
-            "kind": kind, "knob": knob, "setting": setting,
-            "is_default": bool(group["is_default"].all()),
-            "error": np.sqrt(np.mean(group["error_to_reference_share"] ** 2)),
-            "noise": np.sqrt(np.mean(group["noise_share"] ** 2)),
-            "cost": np.exp(np.log(group["cost"]).mean()), "settled": bool(group["settled"].all()),
-        })  # fmt: skip
-    table = pd.DataFrame(rows, columns=["kind", "knob", "setting", "is_default", "error", "noise",
-                                        "cost", "settled"])
+        rows.append(
+            {
+                "kind": kind,
+                "knob": knob,
+                "setting": setting,
+                "is_default": bool(group["is_default"].all()),
+                "error": np.sqrt(np.mean(group["error_to_reference_share"] ** 2)),
+                "noise": np.sqrt(np.mean(group["noise_share"] ** 2)),
+                "cost": np.exp(np.log(group["cost"]).mean()),
+                "settled": bool(group["settled"].all()),
+            }
+        )
+    table = pd.DataFrame(
+        rows, columns=["kind", "knob", "setting", "is_default", "error", "noise", "cost", "settled"]
+    )
     costs, errors = table["cost"].to_numpy(), table["error"].to_numpy()
-    front = [not ((costs < c) & (errors <= e) | (costs <= c) & (errors < e)).any()
-             for c, e in zip(costs, errors, strict=True)]
+    front = [
+        not ((costs < c) & (errors <= e) | (costs <= c) & (errors < e)).any()
+        for c, e in zip(costs, errors, strict=True)
+    ]
     return table.assign(front=np.array(front, bool)).sort_values("cost", ignore_index=True)
 
 
@@ -103,8 +108,9 @@ def gains(accuracy: pd.DataFrame, quantity: str) -> pd.DataFrame:
     default = table[(table["kind"] == "setting") & table["is_default"]]
     table = table[table["kind"] == "knob"]
     if default.empty or table.empty:
-        return pd.DataFrame(columns=["knob", "setting", "cost", "error_change", "per_doubling",
-                                     "noise"])
+        return pd.DataFrame(
+            columns=["knob", "setting", "cost", "error_change", "per_doubling", "noise"]
+        )
     change = table["error"] - default["error"].iloc[0]
     doublings = np.log2(table["cost"])
     per = (change / doublings).where(doublings.abs() > np.log2(1.1))
@@ -117,18 +123,22 @@ def learning_bands(curve: pd.DataFrame) -> pd.DataFrame:
     """Median, quartiles and times of each model at each number of arrays learnt from."""
     groups = curve.groupby(["model", "geometries"], sort=False)
     return groups.agg(
-        outcomes=("outcomes", "mean"), rmse=("rmse_deg", "median"),
-        low=("rmse_deg", lambda v: v.quantile(0.25)), high=("rmse_deg", lambda v: v.quantile(0.75)),
+        outcomes=("outcomes", "mean"),
+        rmse=("rmse_deg", "median"),
+        low=("rmse_deg", lambda v: v.quantile(0.25)),
+        high=("rmse_deg", lambda v: v.quantile(0.75)),
         fit_time_s=("fit_time_s", "median"),
         simulation_time_s=("simulation_time_s", lambda v: v.mean() if v.notna().all() else np.nan),
-    ).reset_index()  # fmt: skip
+    ).reset_index()
 
 
 def regret_bands(regret: pd.DataFrame) -> pd.DataFrame:
     """Median, least and largest regret, and time, over the repeats at each number of trials."""
     groups = regret.groupby(["request", "method", "evaluations"], sort=False)
     return groups.agg(
-        regret=("regret_deg", "median"), low=("regret_deg", "min"), high=("regret_deg", "max"),
+        regret=("regret_deg", "median"),
+        low=("regret_deg", "min"),
+        high=("regret_deg", "max"),
         time_s=("time_s", "median"),
     ).reset_index()
 
@@ -165,20 +175,33 @@ def draw_knobs(accuracy: pd.DataFrame, quantity: str) -> Figure:
             for settled, dots in part.groupby("settled"):
                 dot(panel, dots["wall_time_s"], error[dots.index], colour, marker, settled)
             own = part[part["is_default"]]
-            panel.plot(own["wall_time_s"], error[own.index], "o", markersize=10, color="black",
-                       markerfacecolor="none", markeredgewidth=0.9)
+            panel.plot(
+                own["wall_time_s"],
+                error[own.index],
+                "o",
+                markersize=10,
+                color="black",
+                markerfacecolor="none",
+                markeredgewidth=0.9,
+            )
         panel.set(xscale="log", yscale="log", xlabel="wall time of a run [s]", title=case)
         panel.set_ylim(bottom=100 * LEAST / 1.6)
         _plain(panel)
         if panel.get_subplotspec().is_first_col():
             panel.set_ylabel(f"error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]")
-    legend(figure, [
-        *(key(*styles[knob], "-", label=knob) for knob in styles),
-        key("black", "o", filled=False, label="default"),
-        key(GREY, "o", filled=False, label="not settled"),
-        *([key("#EDEFF2", "s", label="differences between starts")]
-          if table["noise_share"].notna().any() else []),
-    ])  # fmt: skip
+    legend(
+        figure,
+        [
+            *(key(*styles[knob], "-", label=knob) for knob in styles),
+            key("black", "o", filled=False, label="default"),
+            key(GREY, "o", filled=False, label="not settled"),
+            *(
+                [key("#EDEFF2", "s", label="differences between starts")]
+                if table["noise_share"].notna().any()
+                else []
+            ),
+        ],
+    )
     return figure
 
 
@@ -202,25 +225,45 @@ def draw_pareto(accuracy: pd.DataFrame) -> Figure:
         for i, row in table[~single].iterrows():
             colour = "black" if row["is_default"] else "#D55E00"
             dot(panel, [row["cost"]], [error[i]], colour, "D", row["settled"], markersize=7)
-            panel.annotate(row["knob"], (row["cost"], error[i]), xytext=(6, 5),
-                           textcoords="offset points", fontsize=8.5, color=colour)
+            panel.annotate(
+                row["knob"],
+                (row["cost"], error[i]),
+                xytext=(6, 5),
+                textcoords="offset points",
+                fontsize=8.5,
+                color=colour,
+            )
         told = None
         for i, row in front[front["kind"] == "knob"].iterrows():
             if told is not None and row["error"] > 0.97 * told:
                 continue
             told = row["error"]
-            panel.annotate(f"{row['knob']} {value_text(row['setting'])}", (row["cost"], error[i]),
-                           xytext=(4, -10), textcoords="offset points", fontsize=7, color=GREY)
-        panel.set(xscale="log", yscale="log", xlabel="wall time / that of the default",
-                  ylabel=f"error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]",
-                  title=QUANTITY[quantity])
+            panel.annotate(
+                f"{row['knob']} {value_text(row['setting'])}",
+                (row["cost"], error[i]),
+                xytext=(4, -10),
+                textcoords="offset points",
+                fontsize=7,
+                color=GREY,
+            )
+        panel.set(
+            xscale="log",
+            yscale="log",
+            xlabel="wall time / that of the default",
+            ylabel=f"error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]",
+            title=QUANTITY[quantity],
+        )
         _plain(panel)
-    legend(figure, [
-        key("black", "D", label="default"), key("#D55E00", "D", label="named settings"),
-        key("#9AA0A6", "o", label="one knob changed"),
-        key("#009E73", line="-", label="Pareto front"),
-        key(GREY, "o", filled=False, label="not settled"),
-    ])  # fmt: skip
+    legend(
+        figure,
+        [
+            key("black", "D", label="default"),
+            key("#D55E00", "D", label="named settings"),
+            key("#9AA0A6", "o", label="one knob changed"),
+            key("#009E73", line="-", label="Pareto front"),
+            key(GREY, "o", filled=False, label="not settled"),
+        ],
+    )
     return figure
 
 
@@ -242,16 +285,27 @@ def draw_gains(accuracy: pd.DataFrame) -> Figure:
             colour = "#0072B2" if dearer else "#E69F00"
             panel.hlines(place, 0, change, color=colour, linewidth=1.6)
             dot(panel, [change], [place], colour, "o" if dearer else "s", True, markersize=4.5)
-        panel.set_yticks(range(len(table)), [
-            f"{row['knob']} {value_text(row['setting'])}  (×{row['cost']:.2g})"
-            for _, row in table.iterrows()
-        ], fontsize=7.5)
+        panel.set_yticks(
+            range(len(table)),
+            [
+                f"{row['knob']} {value_text(row['setting'])}  (×{row['cost']:.2g})"
+                for _, row in table.iterrows()
+            ],
+            fontsize=7.5,
+        )
         panel.grid(axis="y", visible=False)
-        panel.set(xlabel=f"change of the error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]",
-                  title=QUANTITY[quantity])
-    legend(figure, [key("#0072B2", "o", "-", label="costs more than the default"),
-                     key("#E69F00", "s", "-", label="costs less"),
-                     key("#EDEFF2", "s", label="differences between starts")])
+        panel.set(
+            xlabel=f"change of the error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]",
+            title=QUANTITY[quantity],
+        )
+    legend(
+        figure,
+        [
+            key("#0072B2", "o", "-", label="costs more than the default"),
+            key("#E69F00", "s", "-", label="costs less"),
+            key("#EDEFF2", "s", label="differences between starts"),
+        ],
+    )
     return figure
 
 
@@ -270,18 +324,34 @@ def draw_sigma(check: pd.DataFrame) -> Figure:
         panel.plot(line, factor * line, style, color="black", linewidth=1)
     same = table["mode"] == table["reference_mode"]
     for (mode, agrees), dots in table.groupby([table["mode"], same]):
-        dot(panel, dots["sigma_num_deg"], error[dots.index], MODE_COLOUR[mode],
-            MODE_MARKER[mode], agrees, markersize=7)
-    panel.set(xscale="log", yscale="log", xlabel=r"$\sigma_{num}$ [°]",
-              ylabel="|angle − angle at the reference| [°]")
+        dot(
+            panel,
+            dots["sigma_num_deg"],
+            error[dots.index],
+            MODE_COLOUR[mode],
+            MODE_MARKER[mode],
+            agrees,
+            markersize=7,
+        )
+    panel.set(
+        xscale="log",
+        yscale="log",
+        xlabel=r"$\sigma_{num}$ [°]",
+        ylabel="|angle − angle at the reference| [°]",
+    )
     _plain(panel)
     present = [mode for mode in MODE_MARKER if (table["mode"] == mode).any()]
-    legend(figure, [
-        *(key(MODE_COLOUR[m], MODE_MARKER[m], label=m) for m in present),
-        key(GREY, "o", label="mode of the reference"),
-        key(GREY, "o", filled=False, label="another"),
-        key("black", line="-", label="1 σ"), key("black", line="--", label="2 σ"),
-    ], ncols=4)  # fmt: skip
+    legend(
+        figure,
+        [
+            *(key(MODE_COLOUR[m], MODE_MARKER[m], label=m) for m in present),
+            key(GREY, "o", label="mode of the reference"),
+            key(GREY, "o", filled=False, label="another"),
+            key("black", line="-", label="1 σ"),
+            key("black", line="--", label="2 σ"),
+        ],
+        ncols=4,
+    )
     return figure
 
 
@@ -295,17 +365,27 @@ def draw_learning_curve(curve: pd.DataFrame, sigma_num_deg: float | None = None)
     for model, part in bands.groupby("model", sort=False):
         part = part.sort_values("outcomes")
         colour, marker = styles[model]
-        error.fill_between(part["outcomes"], part["low"], part["high"], color=colour, alpha=0.15,
-                           linewidth=0)
+        error.fill_between(
+            part["outcomes"], part["low"], part["high"], color=colour, alpha=0.15, linewidth=0
+        )
         error.plot(part["outcomes"], part["rmse"], marker=marker, color=colour, label=model)
         cost.plot(part["outcomes"], part["fit_time_s"], marker=marker, color=colour)
     if sigma_num_deg is not None:
-        error.axhline(sigma_num_deg, color="black", linestyle=":", linewidth=1,
-                      label=r"$\sigma_{num}$ of the outcomes")
+        error.axhline(
+            sigma_num_deg,
+            color="black",
+            linestyle=":",
+            linewidth=1,
+            label=r"$\sigma_{num}$ of the outcomes",
+        )
     one = bands[bands["model"] == bands["model"].iloc[0]].sort_values("outcomes")
     cost.plot(one["outcomes"], one["simulation_time_s"], "k--", linewidth=1)
-    error.set(xlabel="outcomes learnt from", ylabel="RMSE on unseen arrays [°]", xscale="log",
-              yscale="log")
+    error.set(
+        xlabel="outcomes learnt from",
+        ylabel="RMSE on unseen arrays [°]",
+        xscale="log",
+        yscale="log",
+    )
     cost.set(xlabel="outcomes learnt from", ylabel="time [s]", xscale="log", yscale="log")
     for panel in (error, cost):
         ticks = one["outcomes"].round().astype(int).tolist()
@@ -314,8 +394,13 @@ def draw_learning_curve(curve: pd.DataFrame, sigma_num_deg: float | None = None)
     error.yaxis.set_major_formatter("{x:g}")
     below = {"ncols": 2, "loc": "upper center", "bbox_to_anchor": (0.5, -0.16)}
     error.legend(**below)
-    cost.legend(handles=[key("black", line="--", label="simulating the outcomes"),
-                         key(GREY, "o", "-", label="fitting")], **below)
+    cost.legend(
+        handles=[
+            key("black", line="--", label="simulating the outcomes"),
+            key(GREY, "o", "-", label="fitting"),
+        ],
+        **below,
+    )
     return figure
 
 
@@ -332,16 +417,27 @@ def draw_regret(regret: pd.DataFrame) -> Figure:
             part = part.sort_values("evaluations")
             colour = METHOD_COLOUR[method]
             for panel, name in zip(row, ("evaluations", "time_s"), strict=True):
-                panel.fill_between(part[name], part["low"], part["high"], color=colour, alpha=0.15,
-                                   linewidth=0)
-                panel.plot(part[name], part["regret"], marker="s" if method == "grid" else "none",
-                           markersize=4, color=colour)
+                panel.fill_between(
+                    part[name], part["low"], part["high"], color=colour, alpha=0.15, linewidth=0
+                )
+                panel.plot(
+                    part[name],
+                    part["regret"],
+                    marker="s" if method == "grid" else "none",
+                    markersize=4,
+                    color=colour,
+                )
         row[0].set(title=request, ylabel="regret [°]", xscale="log", ylim=(0, None))
         row[1].set(xscale="log")
     panels[-1][0].set_xlabel("geometries tried")
     panels[-1][1].set_xlabel("time [s]")
     for panel in panels[-1]:
         panel.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-    legend(figure, [key(METHOD_COLOUR[m], "s" if m == "grid" else "none", "-",
-                          label=METHOD_NAME[m]) for m in METHOD_COLOUR])
+    legend(
+        figure,
+        [
+            key(METHOD_COLOUR[m], "s" if m == "grid" else "none", "-", label=METHOD_NAME[m])
+            for m in METHOD_COLOUR
+        ],
+    )
     return figure

@@ -26,11 +26,21 @@ from dldsim.report.style import (
     styled,
 )
 
-BOX = {"showfliers": False, "widths": 0.6, "patch_artist": True,
-       "medianprops": {"color": "black"}, "boxprops": {"facecolor": "#EDEFF2", "linewidth": 0.7},
-       "whiskerprops": {"linewidth": 0.7}, "capprops": {"linewidth": 0.7}}
-AXIS_LABEL = {"pillar_radius_um": "pillar radius $P_r$ [µm]", "gap_um": "gap $P_g$ [µm]",
-              "periodicity": "periodicity $N_p$", "deformation_index": "deformation index DI"}
+BOX = {
+    "showfliers": False,
+    "widths": 0.6,
+    "patch_artist": True,
+    "medianprops": {"color": "black"},
+    "boxprops": {"facecolor": "#EDEFF2", "linewidth": 0.7},
+    "whiskerprops": {"linewidth": 0.7},
+    "capprops": {"linewidth": 0.7},
+}
+AXIS_LABEL = {
+    "pillar_radius_um": "pillar radius $P_r$ [µm]",
+    "gap_um": "gap $P_g$ [µm]",
+    "periodicity": "periodicity $N_p$",
+    "deformation_index": "deformation index DI",
+}
 
 
 def critical_size_ratio(row_shift_fraction):
@@ -97,18 +107,34 @@ def draw_angles(outcomes: pd.DataFrame) -> Figure:
                 panel.axhline(of_period["bump_angle_deg"].iloc[0], color=colour, linestyle=":")
             else:
                 x = of_period["periodicity"].iloc[0]
-                panel.plot([x - 0.4 * _step(points[x_name]), x + 0.4 * _step(points[x_name])],
-                           [of_period["bump_angle_deg"].iloc[0]] * 2, ":", color=colour)
+                panel.plot(
+                    [x - 0.4 * _step(points[x_name]), x + 0.4 * _step(points[x_name])],
+                    [of_period["bump_angle_deg"].iloc[0]] * 2,
+                    ":",
+                    color=colour,
+                )
             for index, (name, marker) in enumerate(markers.items()):
                 of_set = of_period[of_period["stiffness_set"] == name].sort_values(x_name)
                 x = of_set[x_name] + dodged(index, len(markers), dodge)
                 panel.plot(x, of_set["migration_angle_deg"], color=colour, linewidth=0.7, alpha=0.5)
                 bars = of_set["sigma_num_deg"].fillna(0.0)
-                panel.errorbar(x, of_set["migration_angle_deg"], bars, fmt="none", ecolor=colour,
-                               elinewidth=0.9)
+                panel.errorbar(
+                    x,
+                    of_set["migration_angle_deg"],
+                    bars,
+                    fmt="none",
+                    ecolor=colour,
+                    elinewidth=0.9,
+                )
                 for filled, part in of_set.groupby(settled(of_set)):
-                    dot(panel, part[x_name] + dodged(index, len(markers), dodge),
-                         part["migration_angle_deg"], colour, marker, filled)
+                    dot(
+                        panel,
+                        part[x_name] + dodged(index, len(markers), dodge),
+                        part["migration_angle_deg"],
+                        colour,
+                        marker,
+                        filled,
+                    )
         gap = "" if against_gap else f", $P_g$ = {here['gap_um'].iloc[0]:g} µm"
         panel.set_title(f"$P_r$ = {radius:g} µm{gap}")
         panel.set_xlabel("gap $P_g$ [µm]" if against_gap else "periodicity $N_p$")
@@ -137,12 +163,24 @@ def draw_deformability(outcomes: pd.DataFrame) -> Figure:
         for (gap, periodicity), array in here.groupby(["gap_um", "periodicity"]):
             array = array.sort_values("deformation_index")
             ratio = array["migration_angle_deg"] / array["bump_angle_deg"]
-            panel.plot(array["deformation_index"], ratio, linestyle=styles[gap],
-                       color=colours[periodicity], linewidth=1)
+            panel.plot(
+                array["deformation_index"],
+                ratio,
+                linestyle=styles[gap],
+                color=colours[periodicity],
+                linewidth=1,
+            )
             for filled in (True, False):
                 part = settled(array) == filled
-                dot(panel, array["deformation_index"][part], ratio[part], colours[periodicity],
-                     "o", filled, markersize=4)
+                dot(
+                    panel,
+                    array["deformation_index"][part],
+                    ratio[part],
+                    colours[periodicity],
+                    "o",
+                    filled,
+                    markersize=4,
+                )
         panel.axhline(1, color="black", linestyle=":", linewidth=1)
         panel.set_title(f"$P_r$ = {radius:g} µm")
         panel.set_xlabel("deformation index DI")
@@ -166,24 +204,44 @@ def draw_first_period(outcomes: pd.DataFrame) -> Figure:
     low, high = min(0.0, both.min().min()) - pad, both.max().max() + pad
     left.plot([low, high], [low, high], ":", color="black", linewidth=1)
     for (mode, filled), part in points.groupby(["mode", settled(points)]):
-        dot(left, part["migration_angle_deg"], part["source_angle_deg"],
-             MODE_COLOUR[mode], MODE_MARKER[mode], filled)
-    left.set(xlabel=r"settled $\theta_m$ [°]", ylabel="angle of first period [°]",
-             xlim=(low, high), ylim=(low, high), aspect="equal")
+        dot(
+            left,
+            part["migration_angle_deg"],
+            part["source_angle_deg"],
+            MODE_COLOUR[mode],
+            MODE_MARKER[mode],
+            filled,
+        )
+    left.set(
+        xlabel=r"settled $\theta_m$ [°]",
+        ylabel="angle of first period [°]",
+        xlim=(low, high),
+        ylim=(low, high),
+        aspect="equal",
+    )
     bumps = points[(points["mode"] == "bump") & (points["migration_angle_deg"] > 0)]
     periodicities = ordered(bumps["periodicity"])
     gaps = shades_of(bumps["gap_um"], "cividis")
     for (gap, filled), part in bumps.groupby(["gap_um", settled(bumps)]):
         offset = dodged(list(gaps).index(gap), len(gaps), 0.5)
         places = part["periodicity"].map(periodicities.index) + offset
-        dot(right, places, part["source_angle_deg"] / part["migration_angle_deg"],
-             gaps[gap], "o", filled)
+        dot(
+            right,
+            places,
+            part["source_angle_deg"] / part["migration_angle_deg"],
+            gaps[gap],
+            "o",
+            filled,
+        )
     right.axhline(1, color="black", linestyle=":", linewidth=1)
     right.set_xticks(range(len(periodicities)), [str(p) for p in periodicities])
     right.set(xlabel="periodicity $N_p$", ylabel="first period / settled", ylim=(0, None))
     right.set_title("bumping outcomes")
-    right.legend(handles=[key(c, "o", label=f"$P_g$ = {g:g} µm") for g, c in gaps.items()],
-                 loc="lower right", ncols=2)
+    right.legend(
+        handles=[key(c, "o", label=f"$P_g$ = {g:g} µm") for g, c in gaps.items()],
+        loc="lower right",
+        ncols=2,
+    )
     legend(figure, mode_keys(points) + open_key(points))
     return figure
 
@@ -206,14 +264,30 @@ def draw_mode_map(points: pd.DataFrame) -> Figure:
     order = {key: i for i, key in enumerate(ordered(columns))}
     for (mode, filled), part in points.groupby(["mode", settled(points)]):
         places = [dodged(order[key], len(order), width) for key in columns[part.index]]
-        dot(left, part["periodicity"] + places, part["size_over_gap"], MODE_COLOUR[mode],
-             MODE_MARKER[mode], filled, markersize=4.5)
-        dot(right, part["size_over_critical"], part["angle_ratio"], MODE_COLOUR[mode],
-             MODE_MARKER[mode], filled, markersize=4.5)
+        dot(
+            left,
+            part["periodicity"] + places,
+            part["size_over_gap"],
+            MODE_COLOUR[mode],
+            MODE_MARKER[mode],
+            filled,
+            markersize=4.5,
+        )
+        dot(
+            right,
+            part["size_over_critical"],
+            part["angle_ratio"],
+            MODE_COLOUR[mode],
+            MODE_MARKER[mode],
+            filled,
+            markersize=4.5,
+        )
     left.set_xticks(periodicities, [f"{p}\n{1 / p:.3g}" for p in periodicities])
-    left.set(xlabel=r"periodicity $N_p$, and row shift fraction $\varepsilon = 1/N_p$",
-             ylabel="cell size / gap",
-             ylim=(0, 1.12 * max(points["size_over_gap"].max(), law.max())))
+    left.set(
+        xlabel=r"periodicity $N_p$, and row shift fraction $\varepsilon = 1/N_p$",
+        ylabel="cell size / gap",
+        ylim=(0, 1.12 * max(points["size_over_gap"].max(), law.max())),
+    )
     right.axvspan(1 - SCATTER_OF_LAW, 1 + SCATTER_OF_LAW, color="#E8E4D8")
     right.axvline(1, color="black", linewidth=1.2)
     right.axhline(1, color="black", linestyle=":", linewidth=1)
@@ -240,8 +314,15 @@ def draw_density(outcomes: pd.DataFrame) -> Figure:
     for mode, part in points.groupby("mode"):
         for filled, here in part.groupby(settled(part)):
             noise = np.random.default_rng(0).uniform(-width, width, len(here))
-            dot(axes, here["deformation_index"] + noise, here["migration_angle_deg"],
-                MODE_COLOUR[mode], MODE_MARKER[mode], filled, markersize=4)
+            dot(
+                axes,
+                here["deformation_index"] + noise,
+                here["migration_angle_deg"],
+                MODE_COLOUR[mode],
+                MODE_MARKER[mode],
+                filled,
+                markersize=4,
+            )
     axes.set(xlabel=AXIS_LABEL["deformation_index"], ylabel=r"migration angle $\theta_m$ [°]")
     axes.grid(False)
     legend(figure, mode_keys(points) + open_key(points))
@@ -261,8 +342,15 @@ def draw_boxes(outcomes: pd.DataFrame) -> Figure:
         for i, level in enumerate(levels):
             for mode, part in points[points[name] == level].groupby("mode"):
                 noise = np.random.default_rng(i).uniform(-0.22, 0.22, len(part))
-                panel.plot(i + noise, part["migration_angle_deg"], MODE_MARKER[mode], markersize=3,
-                           color=MODE_COLOUR[mode], alpha=0.75, markeredgewidth=0)
+                panel.plot(
+                    i + noise,
+                    part["migration_angle_deg"],
+                    MODE_MARKER[mode],
+                    markersize=3,
+                    color=MODE_COLOUR[mode],
+                    alpha=0.75,
+                    markeredgewidth=0,
+                )
         panel.set_xticks(range(len(levels)), [f"{v:g}" for v in levels])
         panel.set_xlabel(AXIS_LABEL[name])
     panels[0].set_ylabel(r"migration angle $\theta_m$ [°]")
@@ -285,12 +373,21 @@ def draw_factors(outcomes: pd.DataFrame) -> Figure:
             if here.empty:
                 continue
             centre = place + dodged(index, len(radii), 0.72)
-            box = BOX | {"widths": 0.66 / len(radii),
-                         "boxprops": {"facecolor": colours[radius], "alpha": 0.35}}
+            box = BOX | {
+                "widths": 0.66 / len(radii),
+                "boxprops": {"facecolor": colours[radius], "alpha": 0.35},
+            }
             axes.boxplot([here["migration_angle_deg"]], positions=[centre], **box)
             for periodicity, part in here.groupby("periodicity"):
-                dot(axes, [centre] * len(part), part["migration_angle_deg"], colours[radius],
-                    markers[periodicity], False, markersize=4)
+                dot(
+                    axes,
+                    [centre] * len(part),
+                    part["migration_angle_deg"],
+                    colours[radius],
+                    markers[periodicity],
+                    False,
+                    markersize=4,
+                )
     axes.set_xticks(range(len(gaps)), [f"{g:g}" for g in gaps])
     axes.set(xlabel=AXIS_LABEL["gap_um"], ylabel=r"migration angle $\theta_m$ [°]")
     handles = [key(c, "s", label=f"$P_r$ = {r:g} µm") for r, c in colours.items()]

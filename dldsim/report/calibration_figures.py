@@ -16,16 +16,28 @@ PAPER_DEFORMATION_INDEX = {"G1": 0.50, "G2": 0.60, "G5": 0.777, "G6": 0.781, "G7
 """Deformation index that the source paper gives for its stiffness sets 1 to 5."""
 PAPER_CORRELATION = {"ks_uN_per_m": 0.77, "kal_uN_per_m": 0.73, "kb_pN_um": 0.33}
 """The source paper's correlations of the deformation index with the moduli."""
-PAPER_VARIATION = {"G1": (0.15, 0.20), "G2": (0.15, 0.20), "G3": (0.15, 0.20), "G4": (0.05, 0.08),
-                   "G5": (0.05, 0.08), "G6": (0.05, 0.08), "G7": (0.05, 0.08)}
+PAPER_VARIATION = {
+    "G1": (0.15, 0.20),
+    "G2": (0.15, 0.20),
+    "G3": (0.15, 0.20),
+    "G4": (0.05, 0.08),
+    "G5": (0.05, 0.08),
+    "G6": (0.05, 0.08),
+    "G7": (0.05, 0.08),
+}
 """The source paper's coefficients of variation over release positions."""
 DESIGN_COLOUR = {GROUP_VELOCITY: "#0072B2", FIXED_VELOCITY: "#E69F00"}
 DESIGN_MARKER = {GROUP_VELOCITY: "o", FIXED_VELOCITY: "s"}
-DESIGN_NAME = {GROUP_VELOCITY: "velocity rises with stiffness",
-               FIXED_VELOCITY: "one velocity for all"}
+DESIGN_NAME = {
+    GROUP_VELOCITY: "velocity rises with stiffness",
+    FIXED_VELOCITY: "one velocity for all",
+}
 VARIABLE_LABEL = {
-    "deformation_index": "DI", "ks_uN_per_m": "$k_s$", "kb_pN_um": "$k_b$",
-    "kal_uN_per_m": r"$k_\alpha$", "velocity_mm_s": "velocity",
+    "deformation_index": "DI",
+    "ks_uN_per_m": "$k_s$",
+    "kb_pN_um": "$k_b$",
+    "kal_uN_per_m": r"$k_\alpha$",
+    "velocity_mm_s": "velocity",
 }
 
 
@@ -56,20 +68,42 @@ def draw_calibration(runs: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
             place = groups.index(row["group"]) + offset
             part = seen[(seen["design"] == design) & (seen["group"] == row["group"])]
             spread = np.array([dodged(i, len(part), 0.16) for i in range(len(part))])
-            left.plot(place + spread, part["deformation_index"], marker, alpha=0.7, color=colour,
-                      markersize=3.5, markeredgewidth=0)
+            left.plot(
+                place + spread,
+                part["deformation_index"],
+                marker,
+                alpha=0.7,
+                color=colour,
+                markersize=3.5,
+                markeredgewidth=0,
+            )
             reach = row["deformation_index_high"] - row["deformation_index"]
-            left.errorbar(place + 0.13, row["deformation_index"], reach, fmt="_", color="black",
-                          capsize=2.5, markersize=7, elinewidth=1)
+            left.errorbar(
+                place + 0.13,
+                row["deformation_index"],
+                reach,
+                fmt="_",
+                color="black",
+                capsize=2.5,
+                markersize=7,
+                elinewidth=1,
+            )
             right.plot(place, 100 * row["coefficient_of_variation"], marker, color=colour)
     for place, group in enumerate(groups):
         if group in PAPER_DEFORMATION_INDEX:
-            left.plot(place - 0.36, PAPER_DEFORMATION_INDEX[group], "D", color=GREY,
-                      markerfacecolor="white", markersize=5)
+            left.plot(
+                place - 0.36,
+                PAPER_DEFORMATION_INDEX[group],
+                "D",
+                color=GREY,
+                markerfacecolor="white",
+                markersize=5,
+            )
         if group in PAPER_VARIATION:
             low, high = PAPER_VARIATION[group]
-            right.add_patch(Rectangle((place - 0.4, 100 * low), 0.8, 100 * (high - low),
-                                      color="#E8E4D8"))
+            right.add_patch(
+                Rectangle((place - 0.4, 100 * low), 0.8, 100 * (high - low), color="#E8E4D8")
+            )
     sets = calibration[calibration["stiffness_set"] != ""].set_index("group")["stiffness_set"]
     names = [f"{g}\nset {sets[g]}" if g in sets else g for g in groups]
     for panel in (left, right):
@@ -78,9 +112,11 @@ def draw_calibration(runs: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
     left.set(ylabel="deformation index DI")
     right.set(ylabel="coefficient of variation [%]", ylim=(0, 22))
     handles = [key(DESIGN_COLOUR[d], DESIGN_MARKER[d], label=DESIGN_NAME[d]) for d in designs]
-    handles += [key("black", "_", label="mean and 95 % interval"),
-                key(GREY, "D", filled=False, label="source paper"),
-                key("#E8E4D8", "s", label="source paper, range")]
+    handles += [
+        key("black", "_", label="mean and 95 % interval"),
+        key(GREY, "D", filled=False, label="source paper"),
+        key("#E8E4D8", "s", label="source paper, range"),
+    ]
     legend(figure, handles, ncols=5)
     return figure
 
@@ -99,8 +135,15 @@ def draw_correlations(correlations: pd.DataFrame) -> Figure:
                 seed = design == GROUP_VELOCITY and name == "deformation_index"
                 if seed and other in PAPER_CORRELATION:
                     text += f"\n({PAPER_CORRELATION[other]:.2f})"
-                panel.text(j, i, text, ha="center", va="center", fontsize=8,
-                           color="white" if abs(value) > 0.75 else "black")
+                panel.text(
+                    j,
+                    i,
+                    text,
+                    ha="center",
+                    va="center",
+                    fontsize=8,
+                    color="white" if abs(value) > 0.75 else "black",
+                )
         labels = [VARIABLE_LABEL.get(name, name) for name in matrix]
         panel.set_xticks(range(len(labels)), labels)
         panel.set_yticks(range(len(labels)), labels)
@@ -116,24 +159,32 @@ def draw_moduli(runs: pd.DataFrame) -> Figure:
     """DI of each constriction run against k_s, k_α, k_b and the velocity."""
     seen = runs[runs["deformation_index"].notna()]
     names = {
-        "ks_uN_per_m": "$k_s$ [µN/m]", "kal_uN_per_m": r"$k_\alpha$ [µN/m]",
-        "kb_pN_um": "$k_b$ [pN·µm]", "velocity_mm_s": "velocity [mm/s]",
+        "ks_uN_per_m": "$k_s$ [µN/m]",
+        "kal_uN_per_m": r"$k_\alpha$ [µN/m]",
+        "kb_pN_um": "$k_b$ [pN·µm]",
+        "velocity_mm_s": "velocity [mm/s]",
     }
     figure, panels = multiples(4, 4, 9.2, 2.7, sharey=True)
     designs = [d for d in DESIGN_COLOUR if (seen["design"] == d).any()]
     for panel, (name, label) in zip(panels, names.items(), strict=True):
         for design in designs:
             part = seen[seen["design"] == design]
-            panel.plot(part[name], part["deformation_index"], DESIGN_MARKER[design],
-                       color=DESIGN_COLOUR[design], markersize=4, alpha=0.7, markeredgewidth=0)
+            panel.plot(
+                part[name],
+                part["deformation_index"],
+                DESIGN_MARKER[design],
+                color=DESIGN_COLOUR[design],
+                markersize=4,
+                alpha=0.7,
+                markeredgewidth=0,
+            )
         if name == "kb_pN_um" and (seen[name] > 0).all():
             panel.set_xscale("log")
             panel.xaxis.set_major_formatter("{x:g}")
             panel.xaxis.set_minor_formatter("")
         panel.set(xlabel=label)
     panels[0].set_ylabel("deformation index DI")
-    legend(figure, [key(DESIGN_COLOUR[d], DESIGN_MARKER[d], label=DESIGN_NAME[d])
-                    for d in designs])
+    legend(figure, [key(DESIGN_COLOUR[d], DESIGN_MARKER[d], label=DESIGN_NAME[d]) for d in designs])
     return figure
 
 
@@ -144,7 +195,8 @@ def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
     design_of = runs.set_index("run_id")["design"]
     colours = shades_of(group_of)
     names = {
-        "diameter_d_um": "$D$ along flow [µm]", "diameter_h_um": "$H$ across flow [µm]",
+        "diameter_d_um": "$D$ along flow [µm]",
+        "diameter_h_um": "$H$ across flow [µm]",
         "deformation_index": "DI",
     }
     figure = Figure(figsize=(9.2, 5.6), layout="constrained")
@@ -152,8 +204,14 @@ def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
     for panel, (name, label) in zip(panels, names.items(), strict=True):
         for run_id, track in tracks.groupby("run_id"):
             line = "--" if design_of[run_id] == FIXED_VELOCITY else "-"
-            panel.plot(track["x_um"], track[name], line, color=colours[group_of[run_id]],
-                       linewidth=0.9, alpha=0.8)
+            panel.plot(
+                track["x_um"],
+                track[name],
+                line,
+                color=colours[group_of[run_id]],
+                linewidth=0.9,
+                alpha=0.8,
+            )
         panel.set_ylabel(label)
         panel.set_ylim(bottom=0)
     panels[-1].set_xlabel("centre of mass along the channel $x$ [µm]")

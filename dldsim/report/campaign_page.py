@@ -44,12 +44,17 @@ SECTIONS = (
     Section("trajectories", "Trajectories", ("runs",), trajectories.contents),
     Section("angles", "Migration angle", ("outcomes",), angles.contents),
     Section("modes", "Migration modes", ("outcomes",), modes.contents),
-    Section("calibration", "Calibration of the deformation index",
-            ("constriction_runs", "calibration"), calibration.contents),
+    Section(
+        "calibration",
+        "Calibration of the deformation index",
+        ("constriction_runs", "calibration"),
+        calibration.contents,
+    ),
     Section("anova", "Analysis of variance", ("anova",), anova.contents),
     Section("robustness", "Robustness map", ("robustness",), robustness.contents),
-    Section("benchmark", "Regressors", ("benchmark", "predictions", "outcomes"),
-            benchmark.contents),
+    Section(
+        "benchmark", "Regressors", ("benchmark", "predictions", "outcomes"), benchmark.contents
+    ),
     Section("search", "Course of the design search", ("design_trials",), search.contents),
     Section("flow", "Flow without a cell", ("flows",), flow.contents),
     Section("numerics", "Numerics", ("runs",), numerics.contents),
@@ -59,7 +64,7 @@ SECTIONS = (
     Section("outcomes", "All outcomes", ("outcomes",), outcomes.contents),
     Section("runs", "All runs", ("runs",), runs.contents),
     Section("origin", "Settings and versions", ("outcomes",), origin.contents),
-)  # fmt: skip
+)
 
 
 NAMED = 5
@@ -79,13 +84,31 @@ def make_report(results_dir: Path, output: Path, config: Mapping[str, Any]) -> N
     shown, failed = render_sections(page, SECTIONS)
     missing = [*inputs.missing, *failed]
     if missing or inputs.studies:
-        shown.append(("missing", "Not in this report", page.render("parts/missing.html", {
-            "missing": _grid(page, missing) if missing else None, "studies": inputs.studies})))
+        shown.append(
+            (
+                "missing",
+                "Not in this report",
+                page.render(
+                    "parts/missing.html",
+                    {
+                        "missing": _grid(page, missing) if missing else None,
+                        "studies": inputs.studies,
+                    },
+                ),
+            )
+        )
     preset = page.setting("preset")
     name = f"Campaign “{preset}”" if preset else "Campaign"
-    write_page(page, title=f"{name}: deformable cells in DLD arrays", heading=name, contents=True,
-               lead=_lead(page), scope=designs.scope(page), sections=shown,
-               notices=_notices(page, missing, inputs.outdated))
+    write_page(
+        page,
+        title=f"{name}: deformable cells in DLD arrays",
+        heading=name,
+        contents=True,
+        lead=_lead(page),
+        scope=designs.scope(page),
+        sections=shown,
+        notices=_notices(page, missing, inputs.outdated),
+    )
 
 
 def renew_report(results_dir: Path, config: Mapping[str, Any]) -> str:
@@ -107,14 +130,18 @@ def renew_report(results_dir: Path, config: Mapping[str, Any]) -> str:
 
 
 def _grid(page: Page, missing: list[Missing]) -> Grid:
-    return page.table({"what": (m.what for m in missing), "made by": (m.command for m in missing)},
-                      notes=(m.why for m in missing))
+    return page.table(
+        {"what": (m.what for m in missing), "made by": (m.command for m in missing)},
+        notes=(m.why for m in missing),
+    )
 
 
 def _lead(page: Page) -> str:
     written = f"{datetime.now().astimezone():%Y-%m-%d %H:%M %Z}"
-    lead = ("Deformable cells in deterministic lateral displacement arrays: designs, simulated "
-            f"trajectories, statistics and surrogate. Written {written}")
+    lead = (
+        "Deformable cells in deterministic lateral displacement arrays: designs, simulated "
+        f"trajectories, statistics and surrogate. Written {written}"
+    )
     if "outcomes" not in page:
         return f"{lead}."
     made = (page.results / TABLES["outcomes"][0]).stat().st_mtime
@@ -127,15 +154,21 @@ def _notices(page: Page, missing: list[Missing], outdated: list[str]) -> list[Ma
     if missing:
         names = listing(m.what for m in missing[:NAMED])
         rest = len(missing) - NAMED
-        found.append(Markup(
-            'This report is not complete. Missing: {}{}. The reasons are <a href="#missing">at its '
-            "end</a>.").format(names, f", and {rest} more" if rest > 0 else ""))
+        found.append(
+            Markup(
+                "This report is not complete. Missing: {}{}. The reasons are "
+                '<a href="#missing">at its end</a>.'
+            ).format(names, f", and {rest} more" if rest > 0 else "")
+        )
     if outdated:
-        found.append("Older than the table of outcomes, so made from earlier ones: "
-                     f"{listing(outdated)}. Bring them up to date with snakemake -j2 all.")
+        found.append(
+            "Older than the table of outcomes, so made from earlier ones: "
+            f"{listing(outdated)}. Bring them up to date with snakemake -j2 all."
+        )
     if "outcomes" in page and len(only := summary.modes_of(page["outcomes"])) == 1:
         found.append(
             f"Every measured outcome has the same mode ({only[0]}). Angles then follow from the "
             "geometry alone, and neither the analysis nor the designs say anything about the cell. "
-            "Widen the sweep across the critical diameter (see Migration modes).")
+            "Widen the sweep across the critical diameter (see Migration modes)."
+        )
     return found

@@ -10,13 +10,18 @@ from dldsim.report.style import GREY, dot, key, legend, multiples, styled
 
 PARAMETERS = {"pillar_radius_um": "$P_r$ [µm]", "gap_um": "$P_g$ [µm]", "periodicity": "$N_p$"}
 ROLE_COLOUR = {
-    "design": "#0072B2", "transition": "#E69F00", "finer": "#CC79A7", "height": "#009E73",
-}  # fmt: skip
+    "design": "#0072B2",
+    "transition": "#E69F00",
+    "finer": "#CC79A7",
+    "height": "#009E73",
+}
 ROLE_MARKER = {"design": "o", "transition": "D", "finer": "s", "height": "^"}
 ROLE_NAME = {
-    "design": "design", "transition": "array near a mode transition",
-    "finer": "design, finer lattice", "height": "best design, other height",
-}  # fmt: skip
+    "design": "design",
+    "transition": "array near a mode transition",
+    "finer": "design, finer lattice",
+    "height": "best design, other height",
+}
 TELLING, UNINFORMATIVE = "#A9B0B8", "#EBE3CF"
 """Colours of prediction intervals that tell the order of the cells, and of those that do not."""
 AFTERWARDS = {"finer": 1, "height": 2}
@@ -52,8 +57,10 @@ def parallel_lines(trials: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, tuple[
     good = trials[trials["feasible"].astype(bool) & trials["value"].notna()]
     good = good.sort_values("value", kind="stable")
     ends = {name: (float(good[name].min()), float(good[name].max())) for name in names}
-    scaled = {name: (good[name] - low) / (high - low) if high > low else 0.5 + 0 * good[name]
-              for name, (low, high) in ends.items()}
+    scaled = {
+        name: (good[name] - low) / (high - low) if high > low else 0.5 + 0 * good[name]
+        for name, (low, high) in ends.items()
+    }
     return pd.DataFrame(scaled), ends
 
 
@@ -67,23 +74,41 @@ def draw_designs(designs: pd.DataFrame) -> Figure:
         part = designs[designs["request"] == request].sort_values("rank", ascending=False)
         places = np.arange(len(part))
         panel.barh(places, part["uncertainty_deg"], height=0.8, color="#E8E4D8")
-        panel.hlines(places, part["separation_tolerance_min_deg"],
-                     part["separation_tolerance_max_deg"], color="#0072B2", linewidth=2.2)
+        panel.hlines(
+            places,
+            part["separation_tolerance_min_deg"],
+            part["separation_tolerance_max_deg"],
+            color="#0072B2",
+            linewidth=2.2,
+        )
         inside = part["inside_training_domain"].astype(bool).to_numpy()
         for filled in (True, False):
-            dot(panel, part["separation_deg"][inside == filled], places[inside == filled],
-                 "#0072B2", "o", filled, markersize=6)
-        panel.set_yticks(places, [
-            f"{row['rank']}:  $P_r$ {row['pillar_radius_um']:.3g}, $P_g$ {row['gap_um']:.3g} µm, "
-            f"$N_p$ {row['periodicity']}" for _, row in part.iterrows()
-        ])
+            dot(
+                panel,
+                part["separation_deg"][inside == filled],
+                places[inside == filled],
+                "#0072B2",
+                "o",
+                filled,
+                markersize=6,
+            )
+        panel.set_yticks(
+            places,
+            [
+                f"{row['rank']}:  $P_r$ {row['pillar_radius_um']:.3g}, "
+                f"$P_g$ {row['gap_um']:.3g} µm, $N_p$ {row['periodicity']}"
+                for _, row in part.iterrows()
+            ],
+        )
         panel.grid(axis="y", visible=False)
         panel.set_title(request)
         panel.set(xlabel="predicted separation [°]", xlim=(0, None))
-    handles = [key("#0072B2", "o", label="nominal"),
-               key("#0072B2", "o", filled=False, label="outside training domain"),
-               key("#0072B2", line="-", label="over fabrication tolerance"),
-               key("#E8E4D8", "s", label="uncertainty of a difference")]
+    handles = [
+        key("#0072B2", "o", label="nominal"),
+        key("#0072B2", "o", filled=False, label="outside training domain"),
+        key("#0072B2", line="-", label="over fabrication tolerance"),
+        key("#E8E4D8", "s", label="uncertainty of a difference"),
+    ]
     legend(figure, handles)
     return figure
 
@@ -101,14 +126,20 @@ def draw_history(trials: pd.DataFrame) -> Figure:
         low = panel.get_ylim()[0]
         bottom = part["trial"][~part["feasible"].astype(bool)]
         if len(bottom):  # an empty artist that is not clipped upsets the layout
-            panel.plot(bottom, np.full(len(bottom), low), "x", color=GREY, markersize=4,
-                       clip_on=False)
+            panel.plot(
+                bottom, np.full(len(bottom), low), "x", color=GREY, markersize=4, clip_on=False
+            )
         panel.set(title=request, xlabel="trial", ylabel="objective [°]", ylim=(low, None))
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         panel.yaxis.set_major_formatter("{x:.3g}")
-    legend(figure, [key("#56B4E9", "o", label="feasible trial"),
-                    key(GREY, "x", label="infeasible trial"),
-                    key("#0072B2", line="-", label="best so far")])
+    legend(
+        figure,
+        [
+            key("#56B4E9", "o", label="feasible trial"),
+            key(GREY, "x", label="infeasible trial"),
+            key("#0072B2", line="-", label="best so far"),
+        ],
+    )
     return figure
 
 
@@ -120,8 +151,9 @@ def draw_importance(importance: pd.DataFrame) -> Figure:
     for panel, request in zip(panels, requests, strict=True):
         part = importance[importance["request"] == request].iloc[::-1]
         panel.barh(np.arange(len(part)), part["importance"].fillna(0.0), color="#56B4E9")
-        panel.set_yticks(np.arange(len(part)), [PARAMETERS[n].split(" [")[0]
-                                                for n in part["parameter"]])
+        panel.set_yticks(
+            np.arange(len(part)), [PARAMETERS[n].split(" [")[0] for n in part["parameter"]]
+        )
         panel.grid(axis="y", visible=False)
         panel.set(title=request, xlabel="importance", xlim=(0, 1))
     return figure
@@ -171,11 +203,16 @@ def draw_slices(slices: pd.DataFrame, designs: pd.DataFrame) -> Figure:
                 continue
             known = part["inside_training_domain"] & part["feasible"]
             table = part.pivot(index="y", columns="x", values="difference_deg")
-            panel.contourf(table.columns, table.index, table.to_numpy(), 16, cmap="PuOr",
-                           norm=norm)
+            panel.contourf(table.columns, table.index, table.to_numpy(), 16, cmap="PuOr", norm=norm)
             hidden = part.assign(hidden=~known).pivot(index="y", columns="x", values="hidden")
-            panel.contourf(table.columns, table.index, hidden.to_numpy(float), [0.5, 1.5],
-                           colors="none", hatches=["////"])
+            panel.contourf(
+                table.columns,
+                table.index,
+                hidden.to_numpy(float),
+                [0.5, 1.5],
+                colors="none",
+                hatches=["////"],
+            )
             panel.plot(best[x], best[y], "*", color="black", markersize=10)
             panel.set(xlabel=PARAMETERS[x], ylabel=PARAMETERS[y])
             panel.grid(False)
@@ -197,34 +234,64 @@ def draw_rounds(verifications: pd.DataFrame) -> Figure:
         tells = tells_order(part)
         for known, colour in ((True, TELLING), (False, UNINFORMATIVE)):
             bars = part[tells == known]
-            panel.vlines(bars["place"], bars["predicted_low_deg"], bars["predicted_high_deg"],
-                         color=colour, linewidth=7)
+            panel.vlines(
+                bars["place"],
+                bars["predicted_low_deg"],
+                bars["predicted_high_deg"],
+                color=colour,
+                linewidth=7,
+            )
         panel.plot(part["place"], part["predicted_deg"], "_", color="black", markersize=9)
         for _, row in part[part["simulated_deg"].notna()].iterrows():
             colour = ROLE_COLOUR[row["role"]]
             if pd.notna(row["sigma_num_deg"]):
-                panel.errorbar(row["place"], row["simulated_deg"], yerr=2 * row["sigma_num_deg"],
-                               color=colour, linewidth=1.2, capsize=2)
-            dot(panel, [row["place"]], [row["simulated_deg"]], colour, ROLE_MARKER[row["role"]],
-                row["agrees"] is not False and row["agrees"] != 0, markersize=6)
+                panel.errorbar(
+                    row["place"],
+                    row["simulated_deg"],
+                    yerr=2 * row["sigma_num_deg"],
+                    color=colour,
+                    linewidth=1.2,
+                    capsize=2,
+                )
+            dot(
+                panel,
+                [row["place"]],
+                [row["simulated_deg"]],
+                colour,
+                ROLE_MARKER[row["role"]],
+                row["agrees"] is not False and row["agrees"] != 0,
+                markersize=6,
+            )
         missing = part[part["simulated_deg"].isna()]
         panel.plot(missing["place"], np.zeros(len(missing)), "x", color="#D55E00", markersize=6)
         group = part["round"].where(~part["role"].isin(AFTERWARDS), -part["role"].map(AFTERWARDS))
         last = group.to_numpy()
         for place in np.flatnonzero(np.diff(last)):
             panel.axvline(place + 0.5, color="#444444", linewidth=0.6, linestyle=":")
-        panel.set_xticks(part["place"], [
-            f"{row['periodicity']}\n{row['gap_um']:.1f}\n{row['pillar_radius_um']:.1f}"
-            for _, row in part.iterrows()], fontsize=7)
+        panel.set_xticks(
+            part["place"],
+            [
+                f"{row['periodicity']}\n{row['gap_um']:.1f}\n{row['pillar_radius_um']:.1f}"
+                for _, row in part.iterrows()
+            ],
+            fontsize=7,
+        )
         panel.grid(axis="x", visible=False)
-        panel.set(title=request, ylabel="angle 2 − angle 1 [°]",
-                  xlabel="$N_p$, $P_g$, $P_r$ [µm], by round")
-    legend(figure, [
-        *(key(ROLE_COLOUR[r], ROLE_MARKER[r], label=ROLE_NAME[r]) for r in ROLE_COLOUR),
-        key(GREY, "o", filled=False, label="prediction missed"),
-        key(TELLING, "s", label="90 % prediction interval"),
-        key(UNINFORMATIVE, "s", label="the same, includes zero: uninformative"),
-        key("black", "_", label="predicted"),
-        key("#D55E00", "x", label="no angle"),
-    ], ncols=4)  # fmt: skip
+        panel.set(
+            title=request,
+            ylabel="angle 2 − angle 1 [°]",
+            xlabel="$N_p$, $P_g$, $P_r$ [µm], by round",
+        )
+    legend(
+        figure,
+        [
+            *(key(ROLE_COLOUR[r], ROLE_MARKER[r], label=ROLE_NAME[r]) for r in ROLE_COLOUR),
+            key(GREY, "o", filled=False, label="prediction missed"),
+            key(TELLING, "s", label="90 % prediction interval"),
+            key(UNINFORMATIVE, "s", label="the same, includes zero: uninformative"),
+            key("black", "_", label="predicted"),
+            key("#D55E00", "x", label="no angle"),
+        ],
+        ncols=4,
+    )
     return figure

@@ -8,8 +8,15 @@ from dldsim.report.page import Page, Section, render_sections, write_page
 from dldsim.report.sections import designs, search
 from dldsim.tables.parquet import describe, read_table
 
-KINDS = ("designs", "design_trials", "design_tolerances", "design_importance", "design_slices",
-         "verifications", "verified_designs")  # fmt: skip
+KINDS = (
+    "designs",
+    "design_trials",
+    "design_tolerances",
+    "design_importance",
+    "design_slices",
+    "verifications",
+    "verified_designs",
+)
 
 
 def write_report(directory: Path, output: Path) -> None:
@@ -18,16 +25,26 @@ def write_report(directory: Path, output: Path) -> None:
     Raises DldsimError if a table of the search is missing or damaged.
     """
     directory = Path(directory)
-    tables = {kind: read_table(kind, path) for kind in KINDS
-              if (path := directory / f"{kind}.parquet").exists() or not kind.startswith("veri")}
+    tables = {
+        kind: read_table(kind, path)
+        for kind in KINDS
+        if (path := directory / f"{kind}.parquet").exists() or not kind.startswith("veri")
+    }
     page = Page(directory, Path(output), {}, tables, linked=False)
     shown, failed = render_sections(page, SECTIONS)
     name = text(tables["designs"]["request"].iloc[0])
-    write_page(page, title=f"Designs for {name}", heading=f"Designs for “{name}”", contents=False,
-               lead="Pillar arrays that separate two cell types by deterministic lateral "
-               "displacement. Angles are predicted by a surrogate of simulations, with 90 % "
-               "intervals, unless they are called simulated.", scope=designs.scope(page),
-               sections=shown, notices=[f"Missing: {m.what}. {m.why}" for m in failed])
+    write_page(
+        page,
+        title=f"Designs for {name}",
+        heading=f"Designs for “{name}”",
+        contents=False,
+        lead="Pillar arrays that separate two cell types by deterministic lateral "
+        "displacement. Angles are predicted by a surrogate of simulations, with 90 % "
+        "intervals, unless they are called simulated.",
+        scope=designs.scope(page),
+        sections=shown,
+        notices=[f"Missing: {m.what}. {m.why}" for m in failed],
+    )
 
 
 def _masks(page: Page) -> dict | None:
@@ -44,17 +61,20 @@ def _origin(page: Page) -> dict:
     scores, data = model["scores_by_geometry"], model["data"]
     rows = {
         "dldsim, physics": f"{about['dldsim_version']}, version {about['physics_version']}",
-        "hash of the settings": about["config_hash"], "seed": str(about["seed"]),
+        "hash of the settings": about["config_hash"],
+        "seed": str(about["seed"]),
         "surrogate learnt from": f"{data['used']} outcomes in {data['geometries']} arrays, "
-                                 f"SHA-256 {data['sha256'][:16]}…",
-        "its error on arrays never seen":
-            f"median {scores['median_absolute_error_deg']:.2f}°, root mean square "
-            f"{scores['rmse_deg']:.2f}°",
+        f"SHA-256 {data['sha256'][:16]}…",
+        "its error on arrays never seen": f"median "
+        f"{scores['median_absolute_error_deg']:.2f}°, root mean square {scores['rmse_deg']:.2f}°",
         "holds for": settings["holds_for"],
         "flow": json.dumps(settings["flow"], ensure_ascii=False),
-        **{f"request: {key}": json.dumps(value, ensure_ascii=False)
-           for key, value in request.items() if value is not None},
-    }  # fmt: skip
+        **{
+            f"request: {key}": json.dumps(value, ensure_ascii=False)
+            for key, value in request.items()
+            if value is not None
+        },
+    }
     return {"settings": page.table({"setting": rows, "value": map(text, rows.values())})}
 
 

@@ -28,8 +28,13 @@ def draw_flows(flows: pd.DataFrame) -> Figure:
     colours = shades_of(table["periodicity"])
     for periodicity, part in table.groupby("periodicity"):
         part = part.sort_values("solid_fraction")
-        left.plot(part["solid_fraction"], part["permeability_over_pitch2"], "o",
-                  color=colours[periodicity], label=f"$N_p$ = {periodicity}")
+        left.plot(
+            part["solid_fraction"],
+            part["permeability_over_pitch2"],
+            "o",
+            color=colours[periodicity],
+            label=f"$N_p$ = {periodicity}",
+        )
     if (table["permeability_over_pitch2"] > 0).all():
         left.set_yscale("log")
     left.set(xlabel=r"solid fraction $\pi P_r^2/\lambda^2$", ylabel=r"permeability / $\lambda^2$")
@@ -43,8 +48,11 @@ def draw_flows(flows: pd.DataFrame) -> Figure:
         colour = scale.to_rgba(part["gap_over_pitch"].iloc[0])
         right.plot(part["periodicity"], part["tilt_deg"], "o-", color=colour, linewidth=1)
     figure.colorbar(scale, ax=right, label=r"$P_g/\lambda$", shrink=0.9)
-    right.set(xlabel="periodicity $N_p$", ylabel="tilt of the stream under axial force [°]",
-              ylim=(min(0, 1.05 * table["tilt_deg"].min()), None))
+    right.set(
+        xlabel="periodicity $N_p$",
+        ylabel="tilt of the stream under axial force [°]",
+        ylim=(min(0, 1.05 * table["tilt_deg"].min()), None),
+    )
     right.set_xticks(ordered(table["periodicity"]))
     return figure
 
@@ -55,13 +63,24 @@ def draw_numerics(runs: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(9.2, 3.1), layout="constrained")
     cost, drift, time = figure.subplots(1, 3)
     cost.plot(runs["nodes"] / 1000, runs["ms_per_step"], "o", color="#0072B2", markersize=4)
-    cost.set(xlabel="fluid nodes [thousand]", ylabel="wall time per step [ms]", ylim=(0, None),
-             xlim=(0, None))
-    for name, label, colour in (("volume_drift_max", "volume", "#0072B2"),
-                                ("area_drift_max", "area", "#E69F00")):
+    cost.set(
+        xlabel="fluid nodes [thousand]",
+        ylabel="wall time per step [ms]",
+        ylim=(0, None),
+        xlim=(0, None),
+    )
+    for name, label, colour in (
+        ("volume_drift_max", "volume", "#0072B2"),
+        ("area_drift_max", "area", "#E69F00"),
+    ):
         values = np.sort(runs[name].dropna().to_numpy(float)) * 100
-        drift.step(values, np.arange(1, len(values) + 1) / max(len(values), 1) * 100, where="post",
-                   color=colour, label=label)
+        drift.step(
+            values,
+            np.arange(1, len(values) + 1) / max(len(values), 1) * 100,
+            where="post",
+            color=colour,
+            label=label,
+        )
     drift.axvline(2, color="black", linestyle=":", linewidth=1)
     drift.set(xlabel="largest drift [%]", ylabel="runs below [%]", ylim=(0, 102))
     drift.set_xscale("symlog", linthresh=0.1)
@@ -71,8 +90,14 @@ def draw_numerics(runs: pd.DataFrame) -> Figure:
     for mode in MODES:
         part = runs[runs["mode"] == mode]
         if len(part):
-            time.plot(part["rows_completed"], part["wall_time_s"], MODE_MARKER[mode],
-                      color=MODE_COLOUR[mode], markersize=4, label=mode_name(mode))
+            time.plot(
+                part["rows_completed"],
+                part["wall_time_s"],
+                MODE_MARKER[mode],
+                color=MODE_COLOUR[mode],
+                markersize=4,
+                label=mode_name(mode),
+            )
     time.set(xlabel="rows passed", ylabel="wall time of a run [s]", ylim=(0, None))
     time.legend()
     return figure

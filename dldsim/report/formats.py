@@ -15,8 +15,12 @@ GAP = Markup("<i>P</i><sub>g</sub>")
 PERIODICITY = Markup("<i>N</i><sub>p</sub>")
 ANGLE = Markup("θ<sub>m</sub>")
 SIGMA = Markup("σ<sub>num</sub>")
-SYMBOLS = {"pillar_radius_um": PILLAR_RADIUS, "gap_um": GAP, "periodicity": PERIODICITY,
-           "deformation_index": "DI"}
+SYMBOLS = {
+    "pillar_radius_um": PILLAR_RADIUS,
+    "gap_um": GAP,
+    "periodicity": PERIODICITY,
+    "deformation_index": "DI",
+}
 
 
 def number(value, digits: int = 3) -> str:
@@ -83,7 +87,7 @@ def listing(items: Iterable[str]) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """"1 run", "3 runs"."""
+    """ "1 run", "3 runs"."""
     return f"{number(int(count))} {noun}{'' if count == 1 else 's'}"
 
 
@@ -112,14 +116,18 @@ def decimals(values: Iterable, count: int = 2) -> list[str]:
 
 def plus_minus(values: Iterable, errors: Iterable, count: int = 2) -> list[str]:
     """Values with their errors, where these are known."""
-    return [fixed(v, count) + (f" ± {fixed(e, count)}" if pd.notna(e) else "")
-            for v, e in zip(values, errors, strict=True)]
+    return [
+        fixed(v, count) + (f" ± {fixed(e, count)}" if pd.notna(e) else "")
+        for v, e in zip(values, errors, strict=True)
+    ]
 
 
 def ranges(low: Iterable, high: Iterable, count: int = 2) -> list[str]:
     """Intervals; a dash where there is none."""
-    return [f"{fixed(a, count)} to {fixed(b, count)}" if pd.notna(a) else NOT_MEASURED
-            for a, b in zip(low, high, strict=True)]
+    return [
+        f"{fixed(a, count)} to {fixed(b, count)}" if pd.notna(a) else NOT_MEASURED
+        for a, b in zip(low, high, strict=True)
+    ]
 
 
 def array_columns(table: pd.DataFrame) -> dict[str, list[str]]:

@@ -14,13 +14,28 @@ CARD = ("surrogate_card.json", "surrogate")
 """The surrogate's card: file in the results folder, rule that makes it."""
 STUDIES = ("validation", "accuracy", "stability", "reference_check", "spot_check", "convergence")
 """Kinds that are made on request only: they say how far to trust a campaign."""
-TABLES = {kind: (registry.TABLES[kind].file, registry.TABLES[kind].rule) for kind in [
-    *(kind for kind, table in registry.TABLES.items()
-      if table.file and kind not in (*STUDIES, "critical_gaps")), *STUDIES,
-]}  # fmt: skip
+TABLES = {
+    kind: (registry.TABLES[kind].file, registry.TABLES[kind].rule)
+    for kind in [
+        *(
+            kind
+            for kind, table in registry.TABLES.items()
+            if table.file and kind not in (*STUDIES, "critical_gaps")
+        ),
+        *STUDIES,
+    ]
+}
 """Table kind: file in the results folder, rule that makes it."""
-BEFORE_OUTCOMES = ("outcomes", "runs", "trajectory", "flows", "constriction_runs", "calibration",
-                   "calibration_correlations", *STUDIES)
+BEFORE_OUTCOMES = (
+    "outcomes",
+    "runs",
+    "trajectory",
+    "flows",
+    "constriction_runs",
+    "calibration",
+    "calibration_correlations",
+    *STUDIES,
+)
 """Kinds that do not follow from the table of outcomes."""
 
 
@@ -65,16 +80,26 @@ def read_inputs(results: Path) -> Inputs:
             continue
         tables[kind] = table
         source = results / TABLES["outcomes"][0]
-        if (kind not in BEFORE_OUTCOMES and source.exists()
-                and path.stat().st_mtime < source.stat().st_mtime):
+        if (
+            kind not in BEFORE_OUTCOMES
+            and source.exists()
+            and path.stat().st_mtime < source.stat().st_mtime
+        ):
             outdated.append(name)
     if not (results / CARD[0]).exists():
-        missing.append(Missing(CARD[0], "It does not exist, so errors and domain of the surrogate "
-                               "are not shown.", f"snakemake -j2 {CARD[1]}"))
+        missing.append(
+            Missing(
+                CARD[0],
+                "It does not exist, so errors and domain of the surrogate are not shown.",
+                f"snakemake -j2 {CARD[1]}",
+            )
+        )
     if not any(len(table) for table in tables.values()):
         reasons = "\n".join(f"  {what}: {why}" for what, why, _ in missing)
-        raise DldsimError(f"{results} has no table with a row, so there is nothing to report. Run "
-                          f"`snakemake -j2 all`, or name another folder.\n{reasons}")
+        raise DldsimError(
+            f"{results} has no table with a row, so there is nothing to report. Run "
+            f"`snakemake -j2 all`, or name another folder.\n{reasons}"
+        )
     return Inputs(tables, missing + _failed_requests(tables), studies, outdated)
 
 
@@ -85,8 +110,14 @@ def _failed_requests(tables: Mapping[str, pd.DataFrame]) -> list[Missing]:
     for kind, what in parts.items():
         if kind in tables:
             failed = tables[kind].query("status == 'failed'")
-            found += [Missing(f"{what} of the request {row['request']}", row["reason"],
-                              f"snakemake -j2 {TABLES[kind][1]}") for _, row in failed.iterrows()]
+            found += [
+                Missing(
+                    f"{what} of the request {row['request']}",
+                    row["reason"],
+                    f"snakemake -j2 {TABLES[kind][1]}",
+                )
+                for _, row in failed.iterrows()
+            ]
     return found
 
 

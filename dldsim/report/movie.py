@@ -33,8 +33,10 @@ PALETTE = 64
 
 def rows_shown(passages: Mapping[str, Shapes]) -> int:
     """Rows that picture and animation show."""
-    passed = max(int((s.centre_um[-1, 0] - s.centre_um[0, 0]) / s.geometry.pitch_um)
-                 for s in passages.values())  # fmt: skip
+    passed = max(
+        int((s.centre_um[-1, 0] - s.centre_um[0, 0]) / s.geometry.pitch_um)
+        for s in passages.values()
+    )
     return max(1, min(MOST_ROWS, passed))
 
 
@@ -65,8 +67,13 @@ def draw_passage(passages: Mapping[str, Shapes], instants: int = 9) -> Figure:
             for t in times[times <= shapes.t_ms[-1]]:
                 for artist in _cell(shapes, _frame(shapes, t), COLOURS[i]):
                     panel.add_collection(artist)
-        panel.text(1, 1.02, f"cells every {end / (instants - 1):.3g} ms",
-                   transform=panel.transAxes, ha="right")  # fmt: skip
+        panel.text(
+            1,
+            1.02,
+            f"cells every {end / (instants - 1):.3g} ms",
+            transform=panel.transAxes,
+            ha="right",
+        )
     return figure
 
 
@@ -90,8 +97,12 @@ def write_animation(
             canvas.restore_region(background)
             for i, shapes in enumerate(passages.values()):
                 n = _frame(shapes, t)
-                way = Line2D(*shapes.centre_um[: n + 1, :2].T, color=COLOURS[i], linewidth=1.2,
-                             linestyle=LINES[i])  # fmt: skip
+                way = Line2D(
+                    *shapes.centre_um[: n + 1, :2].T,
+                    color=COLOURS[i],
+                    linewidth=1.2,
+                    linestyle=LINES[i],
+                )
                 panel.add_line(way)
                 panel.draw_artist(way)
                 for artist in _cell(shapes, n, COLOURS[i], filled=t <= shapes.t_ms[-1]):
@@ -107,9 +118,13 @@ def write_animation(
     images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     with atomic_path(path) as part:
         images[0].save(
-            part, format="GIF", save_all=True, append_images=images[1:], loop=0,
+            part,
+            format="GIF",
+            save_all=True,
+            append_images=images[1:],
+            loop=0,
             duration=round(1000 / frames_per_second),
-        )  # fmt: skip
+        )
 
 
 def _stage(passages: Mapping[str, Shapes]) -> tuple[Figure, matplotlib.axes.Axes, float]:
@@ -130,8 +145,9 @@ def _stage(passages: Mapping[str, Shapes]) -> tuple[Figure, matplotlib.axes.Axes
     path = np.concatenate(seen)
     low, high = path[:, 1].min() - 1.2 * pitch, path[:, 1].max() + 1.2 * pitch
     width = 9.2
-    figure = Figure(figsize=(width, width * (high - low) / (right - left) + 0.7),
-                    layout="constrained")  # fmt: skip
+    figure = Figure(
+        figsize=(width, width * (high - low) / (right - left) + 0.7), layout="constrained"
+    )
     panel = figure.subplots()
     pillars = pillars_near(geometry, path[:, :2], high - low)
     panel.add_collection(
@@ -143,19 +159,42 @@ def _stage(passages: Mapping[str, Shapes]) -> tuple[Figure, matplotlib.axes.Axes
     panel.spines[:].set_visible(True)
     panel.grid(False)
     figure.legend(
-        [Line2D([], [], color=c, linestyle=line)
-         for c, line, _ in zip(COLOURS, LINES, passages, strict=False)],
-        list(passages), loc="outside lower center", ncols=len(passages),
-    )  # fmt: skip
+        [
+            Line2D([], [], color=c, linestyle=line)
+            for c, line, _ in zip(COLOURS, LINES, passages, strict=False)
+        ],
+        list(passages),
+        loc="outside lower center",
+        ncols=len(passages),
+    )
     bar = _round_length((right - left) / 6)
     x, y = left + 0.03 * (right - left), low + 0.05 * (high - low)
     halo = [withStroke(linewidth=4, foreground="white")]
-    panel.plot([x, x + bar], [y, y], color="black", linewidth=2.5, solid_capstyle="butt", zorder=5,
-               path_effects=halo)  # fmt: skip
-    panel.text(x + bar / 2, y + 0.04 * bar, f"{bar:g} µm", ha="center", va="bottom", zorder=5,
-               path_effects=halo)  # fmt: skip
-    panel.text(0, 1.02, f"flow →    P_r {geometry.pillar_radius_um:g} µm, P_g {geometry.gap_um:g} "
-               f"µm, N_p {geometry.periodicity}", transform=panel.transAxes)  # fmt: skip
+    panel.plot(
+        [x, x + bar],
+        [y, y],
+        color="black",
+        linewidth=2.5,
+        solid_capstyle="butt",
+        zorder=5,
+        path_effects=halo,
+    )
+    panel.text(
+        x + bar / 2,
+        y + 0.04 * bar,
+        f"{bar:g} µm",
+        ha="center",
+        va="bottom",
+        zorder=5,
+        path_effects=halo,
+    )
+    panel.text(
+        0,
+        1.02,
+        f"flow →    P_r {geometry.pillar_radius_um:g} µm, P_g {geometry.gap_um:g} "
+        f"µm, N_p {geometry.periodicity}",
+        transform=panel.transAxes,
+    )
     return figure, panel, float(end)
 
 
@@ -168,8 +207,11 @@ def _cell(shapes: Shapes, frame: int, colour: str, filled: bool = True) -> list:
     body, contour = silhouette(shapes.points_um[frame], shapes.faces)
     light = 1 - 0.4 * (1 - np.array(to_rgb(colour)))
     outline = LineCollection(contour, colors=colour, linewidths=1, zorder=3)
-    return [PolyCollection(body, facecolor=light, edgecolor=light, linewidth=0.3, zorder=2.5),
-            outline] if filled else [outline]  # fmt: skip
+    return (
+        [PolyCollection(body, facecolor=light, edgecolor=light, linewidth=0.3, zorder=2.5), outline]
+        if filled
+        else [outline]
+    )
 
 
 def _round_length(most_um: float) -> float:

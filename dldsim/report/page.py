@@ -134,17 +134,26 @@ class Page:
                     part.write_bytes(image)
                 files.append(self.link(path))
         kind = "svg" if len(images["svg"]) <= EMBED_SVG_BELOW else "png"
-        return Picture(name, _data_uri(images[kind], kind), round(figure.get_figwidth() * 100),
-                       [*self.sources(kinds), *extra], files)
+        return Picture(
+            name,
+            _data_uri(images[kind], kind),
+            round(figure.get_figwidth() * 100),
+            [*self.sources(kinds), *extra],
+            files,
+        )
 
     def image(self, path: Path) -> Picture:
         """A PNG file as the template embeds it."""
-        return Picture(path.name.partition(".")[0], _data_uri(path.read_bytes(), "png"), 920, [],
-                       [])
+        return Picture(
+            path.name.partition(".")[0], _data_uri(path.read_bytes(), "png"), 920, [], []
+        )
 
     def table(
-        self, columns: Mapping[str, Iterable], kinds: Iterable[str] = (),
-        marked: Iterable[bool] | None = None, notes: Iterable[str | None] | None = None,
+        self,
+        columns: Mapping[str, Iterable],
+        kinds: Iterable[str] = (),
+        marked: Iterable[bool] | None = None,
+        notes: Iterable[str | None] | None = None,
     ) -> Grid:
         """A table as the template shows it: cells by heading; marked rows are shaded."""
         cells = list(zip(*columns.values(), strict=True))
@@ -194,8 +203,11 @@ def _data_uri(image: bytes, kind: str) -> str:
 @functools.cache
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("dldsim.report"), autoescape=True,
-        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=jinja2.PackageLoader("dldsim.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     for name in ("number", "fixed", "percent", "counted", "duration", "listing", "text"):
         environment.filters[name] = getattr(formats, name)

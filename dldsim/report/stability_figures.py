@@ -30,9 +30,14 @@ def draw_map(stability: pd.DataFrame) -> Figure:
         colour, marker, _ = OUTCOMES[row.outcome]
         automatic = row.time_step == "automatic"
         axes.plot(
-            max(row.margin, LEAST), place[row.family] + lift[row.time_step], marker,
-            color=colour, mfc=colour if automatic else "white", ms=5, mew=1,
-        )  # fmt: skip
+            max(row.margin, LEAST),
+            place[row.family] + lift[row.time_step],
+            marker,
+            color=colour,
+            mfc=colour if automatic else "white",
+            ms=5,
+            mew=1,
+        )
     axes.axvline(1, color=GREY, lw=1)
     axes.set_xscale("log")
     axes.set_yticks(list(place.values()), [FAMILIES[name].title for name in names])
@@ -61,9 +66,16 @@ def draw_cost(stability: pd.DataFrame) -> Figure:
         series = series.sort_values("parameter")
         group = not name.startswith("set")
         axes.plot(
-            series["parameter"], series["refinement"], "-", marker=style, ms=4, label=name,
-            color="#D55E00" if group else "#0072B2", mfc="white" if group else None, lw=0.8,
-        )  # fmt: skip
+            series["parameter"],
+            series["refinement"],
+            "-",
+            marker=style,
+            ms=4,
+            label=name,
+            color="#D55E00" if group else "#0072B2",
+            mfc="white" if group else None,
+            lw=0.8,
+        )
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("multiplier of k_s, k_b and k_α")

@@ -12,7 +12,8 @@ from dldsim.report.style import key, legend, multiples, ordered, styled
 from dldsim.vocabulary import GEOMETRY
 
 MODEL_TITLE = {
-    "hierarchical": "hierarchical model", "main_effects": "main effects alone",
+    "hierarchical": "hierarchical model",
+    "main_effects": "main effects alone",
     "seed_interactions": "interactions alone (source paper)",
 }
 
@@ -23,15 +24,22 @@ def worst_risk(fabrication: pd.DataFrame) -> pd.DataFrame:
     Columns: geometry, radius_error_um, mode_change_probability, moved_probability, inside_share.
     """
     found = fabrication.groupby([*GEOMETRY, "radius_error_um"], as_index=False)
-    return found.agg(mode_change_probability=("mode_change_probability", "max"),
-                     moved_probability=("moved_probability", "max"),
-                     inside_share=("inside_share", "min"))
+    return found.agg(
+        mode_change_probability=("mode_change_probability", "max"),
+        moved_probability=("moved_probability", "max"),
+        inside_share=("inside_share", "min"),
+    )
 
 
 def term_label(name: str) -> str:
     """Term of an analysis of variance as a label of matplotlib."""
-    for column, symbol in (("pillar_radius_um", "$P_r$"), ("gap_um", "$P_g$"),
-                           ("periodicity", "$N_p$"), ("deformation_index", "DI"), (":", " × ")):
+    for column, symbol in (
+        ("pillar_radius_um", "$P_r$"),
+        ("gap_um", "$P_g$"),
+        ("periodicity", "$N_p$"),
+        ("deformation_index", "DI"),
+        (":", " × "),
+    ):
         name = name.replace(column, symbol)
     return name
 
@@ -53,8 +61,13 @@ def draw_effects(anova: pd.DataFrame) -> Figure:
         p = part["p_permutation"].fillna(part["p_value"]).astype(float)
         clear = (p.fillna(1.0) < 0.05).to_numpy()
         places = np.arange(len(part))
-        panel.barh(places, part["partial_eta_sq"], height=0.6, edgecolor="#0072B2",
-                   color=np.where(clear, "#0072B2", "#FFFFFF"))
+        panel.barh(
+            places,
+            part["partial_eta_sq"],
+            height=0.6,
+            edgecolor="#0072B2",
+            color=np.where(clear, "#0072B2", "#FFFFFF"),
+        )
         panel.plot(part["partial_omega_sq"], places, "D", color="#E69F00", markersize=4)
         panel.set_yticks(places, [term_label(name) for name in part["term"]])
         panel.tick_params(axis="y", length=0)
@@ -62,9 +75,14 @@ def draw_effects(anova: pd.DataFrame) -> Figure:
         panel.set_ylim(len(part) - max(counts) - 0.6, len(part) - 0.4)
         panel.set_title(MODEL_TITLE.get(model, model))
         panel.set(xlabel="effect size", xlim=(-0.08, 1))
-    legend(figure, [key("#0072B2", "s", label=r"partial $\eta^2$, p < 0.05"),
-                    key("#0072B2", "s", filled=False, label=r"partial $\eta^2$, p ≥ 0.05"),
-                    key("#E69F00", "D", label=r"partial $\omega^2$")])
+    legend(
+        figure,
+        [
+            key("#0072B2", "s", label=r"partial $\eta^2$, p < 0.05"),
+            key("#0072B2", "s", filled=False, label=r"partial $\eta^2$, p ≥ 0.05"),
+            key("#E69F00", "D", label=r"partial $\omega^2$"),
+        ],
+    )
     return figure
 
 
@@ -76,10 +94,18 @@ def _grid_map(panel, here: pd.DataFrame, values, text, colour_of) -> None:
         colour = "#F3F3F3" if pd.isna(value) else colour_of(value)
         panel.add_patch(Rectangle(corner, 1, 1, facecolor=colour, edgecolor="white"))
         dark = not pd.isna(value) and sum(colour[:3]) < 1.35
-        panel.text(corner[0] + 0.5, corner[1] + 0.5, label, ha="center", va="center",
-                   color="white" if dark else "black", fontsize=8.5)
-    panel.set(xlim=(-0.5, len(gaps) - 0.5), ylim=(-0.5, len(periods) - 0.5),
-              xlabel=AXIS_LABEL["gap_um"])
+        panel.text(
+            corner[0] + 0.5,
+            corner[1] + 0.5,
+            label,
+            ha="center",
+            va="center",
+            color="white" if dark else "black",
+            fontsize=8.5,
+        )
+    panel.set(
+        xlim=(-0.5, len(gaps) - 0.5), ylim=(-0.5, len(periods) - 0.5), xlabel=AXIS_LABEL["gap_um"]
+    )
     panel.set_xticks(range(len(gaps)), [f"{gap:g}" for gap in gaps])
     panel.set_yticks(range(len(periods)), [str(period) for period in periods])
     panel.grid(False)
@@ -105,8 +131,9 @@ def draw_robustness(robustness: pd.DataFrame) -> Figure:
         gaps, periods = ordered(here["gap_um"]), ordered(here["periodicity"])
         for _, row in here[here["robust"].astype(bool)].iterrows():
             corner = (gaps.index(row["gap_um"]) - 0.46, periods.index(row["periodicity"]) - 0.46)
-            panel.add_patch(Rectangle(corner, 0.92, 0.92, fill=False, edgecolor="#D55E00",
-                                      linewidth=2.4))
+            panel.add_patch(
+                Rectangle(corner, 0.92, 0.92, fill=False, edgecolor="#D55E00", linewidth=2.4)
+            )
         panel.set_title(f"$P_r$ = {radius:g} µm")
     scale = matplotlib.cm.ScalarMappable(norm, colours)
     figure.colorbar(scale, ax=panels, label="robustness score [deg²], low is robust", shrink=0.9)
@@ -126,8 +153,10 @@ def draw_fabrication(fabrication: pd.DataFrame) -> Figure:
     norm, colours = Normalize(0, 1), matplotlib.colormaps["cividis"]
     for panel, (error, radius) in zip(panels, [(e, r) for e in errors for r in radii], strict=True):
         here = table[(table["radius_error_um"] == error) & (table["pillar_radius_um"] == radius)]
-        text = [f"{100 * p:.0f} %" + ("*" if s < 0.5 else "") for p, s in zip(
-            here["mode_change_probability"], here["inside_share"], strict=True)]
+        text = [
+            f"{100 * p:.0f} %" + ("*" if s < 0.5 else "")
+            for p, s in zip(here["mode_change_probability"], here["inside_share"], strict=True)
+        ]
         _grid_map(panel, here, here["mode_change_probability"], text, lambda v: colours(norm(v)))
         panel.set_title(f"$P_r$ = {radius:g} ± {error:g} µm")
     scale = matplotlib.cm.ScalarMappable(norm, colours)

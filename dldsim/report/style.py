@@ -106,22 +106,37 @@ def multiples(count: int, columns: int, width: float, height: float, **options):
 
 def dot(axes, x, y, colour, marker, filled, **options):
     axes.plot(
-        x, y, marker, color=colour, markerfacecolor=colour if filled else "white",
-        markeredgewidth=1.1, **options,
+        x,
+        y,
+        marker,
+        color=colour,
+        markerfacecolor=colour if filled else "white",
+        markeredgewidth=1.1,
+        **options,
     )
 
 
 def key(colour=GREY, marker="none", line="none", filled=True, label=""):
     return Line2D(
-        [], [], color=colour, marker=marker, linestyle=line, label=label, markeredgewidth=1.1,
+        [],
+        [],
+        color=colour,
+        marker=marker,
+        linestyle=line,
+        label=label,
+        markeredgewidth=1.1,
         markerfacecolor=colour if filled else "white",
     )
 
 
 def legend(figure, handles, **options):
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=options.pop("ncols", 5),
-        columnspacing=1.4, handletextpad=0.5, **options,
+        handles=handles,
+        loc="outside lower center",
+        ncols=options.pop("ncols", 5),
+        columnspacing=1.4,
+        handletextpad=0.5,
+        **options,
     )
 
 

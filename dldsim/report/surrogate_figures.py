@@ -23,8 +23,11 @@ from dldsim.report.style import (
 
 SPLIT_COLOUR = {"random": "#56B4E9", "geometry": "#D55E00", "stiffness": "#009E73"}
 SPLIT_MARKER = {"random": "o", "geometry": "D", "stiffness": "^"}
-SPLIT_NAME = {"random": "random split", "geometry": "split by geometry",
-              "stiffness": "split by stiffness set"}
+SPLIT_NAME = {
+    "random": "random split",
+    "geometry": "split by geometry",
+    "stiffness": "split by stiffness set",
+}
 BANDS_DEG = (0.3, 1.0)
 """Errors marked in the parity figure."""
 WORST_R2 = -0.2
@@ -42,12 +45,19 @@ def pooled_scores(predictions: pd.DataFrame) -> pd.DataFrame:
         score = pooled(group)
         repeats = [pooled(part)["r2"] for _, part in group.groupby("repeat")]
         known = [r2 for r2 in repeats if r2 is not None]
-        rows.append({
-            "model": model, "split": split, "n": len(group), "rmse_deg": score["rmse_deg"],
-            "mae_deg": score["mae_deg"], "median_deg": score["median_absolute_error_deg"],
-            "r2": score["r2"], "r2_low": min(known, default=None),
-            "r2_high": max(known, default=None),
-        })
+        rows.append(
+            {
+                "model": model,
+                "split": split,
+                "n": len(group),
+                "rmse_deg": score["rmse_deg"],
+                "mae_deg": score["mae_deg"],
+                "median_deg": score["median_absolute_error_deg"],
+                "r2": score["r2"],
+                "r2_low": min(known, default=None),
+                "r2_high": max(known, default=None),
+            }
+        )
     scores = pd.DataFrame(rows)
     by_geometry = scores[scores["split"] == "geometry"].set_index("model")["rmse_deg"]
     order = scores["model"].map(by_geometry).fillna(np.inf)
@@ -60,17 +70,29 @@ def draw_sobol(sobol: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(6.4, 1.2 + 0.42 * len(sobol)), layout="constrained")
     axes = figure.subplots()
     places = np.arange(len(sobol))[::-1]
-    for offset, order, colour, label in ((0.17, "first", "#0072B2", "first order"),
-                                         (-0.17, "total", "#E69F00", "total order")):
+    for offset, order, colour, label in (
+        (0.17, "first", "#0072B2", "first order"),
+        (-0.17, "total", "#E69F00", "total order"),
+    ):
         value = sobol[f"{order}_order"]
-        bars = np.abs(np.vstack([value - sobol[f"{order}_order_low"],
-                                 sobol[f"{order}_order_high"] - value]))
-        axes.barh(places + offset, value, height=0.3, color=colour, label=label, xerr=bars,
-                  error_kw={"elinewidth": 0.9, "capsize": 2})
+        bars = np.abs(
+            np.vstack([value - sobol[f"{order}_order_low"], sobol[f"{order}_order_high"] - value])
+        )
+        axes.barh(
+            places + offset,
+            value,
+            height=0.3,
+            color=colour,
+            label=label,
+            xerr=bars,
+            error_kw={"elinewidth": 0.9, "capsize": 2},
+        )
     axes.set_yticks(places, [term_label(name) for name in sobol["factor"]])
     axes.grid(axis="y", visible=False)
-    axes.set(xlabel=r"share of the variance of the predicted $\theta_m$", xlim=(min(
-        0, sobol["first_order_low"].min()), None))
+    axes.set(
+        xlabel=r"share of the variance of the predicted $\theta_m$",
+        xlim=(min(0, sobol["first_order_low"].min()), None),
+    )
     axes.legend(loc="lower right")
     return figure
 
@@ -90,19 +112,37 @@ def draw_benchmark(scores: pd.DataFrame, benchmark: pd.DataFrame) -> Figure:
         colour, marker = SPLIT_COLOUR[split], SPLIT_MARKER[split]
         offset = dodged(index, len(splits), 0.5)
         folds = benchmark[(benchmark["split"] == split) & benchmark["model"].isin(models)]
-        left.plot(folds["rmse_deg"], folds["model"].map(models.index) + offset, "|", color=colour,
-                  markersize=7, alpha=0.7)
+        left.plot(
+            folds["rmse_deg"],
+            folds["model"].map(models.index) + offset,
+            "|",
+            color=colour,
+            markersize=7,
+            alpha=0.7,
+        )
         part = scores[scores["split"] == split]
         places = part["model"].map(models.index) + offset
         dot(left, part["rmse_deg"], places, colour, marker, True, markersize=5)
         r2 = part["r2"].astype(float)
-        right.hlines(places, part["r2_low"].astype(float).clip(lower=WORST_R2),
-                     part["r2_high"].astype(float).clip(lower=WORST_R2), color=colour)
+        right.hlines(
+            places,
+            part["r2_low"].astype(float).clip(lower=WORST_R2),
+            part["r2_high"].astype(float).clip(lower=WORST_R2),
+            color=colour,
+        )
         dot(right, r2.clip(lower=WORST_R2), places, colour, marker, True, markersize=5)
         for place, value in zip(places, r2, strict=True):
             if value < WORST_R2:
-                right.annotate(f"−{-value:.2g}", (WORST_R2, place), xytext=(-6, 0), ha="right",
-                               va="center", textcoords="offset points", fontsize=8, color=colour)
+                right.annotate(
+                    f"−{-value:.2g}",
+                    (WORST_R2, place),
+                    xytext=(-6, 0),
+                    ha="right",
+                    va="center",
+                    textcoords="offset points",
+                    fontsize=8,
+                    color=colour,
+                )
     left.set_yticks(range(len(models)), models)
     left.set_ylim(-0.5, len(models) - 0.5)
     left.set(xlabel=r"RMSE of $\theta_m$ [°]", xlim=(0, None))
@@ -132,14 +172,26 @@ def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> 
         r2 = "–" if pd.isna(score["r2"]) else f"{score['r2']:.3f}"
         panel.set_title(f"{SPLIT_NAME[split]}\nRMSE {score['rmse_deg']:.2g}°, $R^2$ {r2}")
         for filled, dots in part[part["split"] == split].groupby("decided"):
-            dot(panel, dots["observed_deg"], dots["predicted_deg"], SPLIT_COLOUR[split],
-                SPLIT_MARKER[split], filled, markersize=4)
+            dot(
+                panel,
+                dots["observed_deg"],
+                dots["predicted_deg"],
+                SPLIT_COLOUR[split],
+                SPLIT_MARKER[split],
+                filled,
+                markersize=4,
+            )
         panel.set(xlim=limits, ylim=limits, aspect="equal", xlabel=r"simulated $\theta_m$ [°]")
     panels[0].set_ylabel(r"predicted $\theta_m$, held out [°]")
-    handles = [key(GREY, "o", label="settled"),
-               key(GREY, "o", filled=False, label="not settled"),
-               key("black", line="-", label="exact; shades ± " + "°, ± ".join(
-                   f"{b:g}" for b in BANDS_DEG) + "°")]
+    handles = [
+        key(GREY, "o", label="settled"),
+        key(GREY, "o", filled=False, label="not settled"),
+        key(
+            "black",
+            line="-",
+            label="exact; shades ± " + "°, ± ".join(f"{b:g}" for b in BANDS_DEG) + "°",
+        ),
+    ]
     legend(figure, handles)
     return figure
 
@@ -153,11 +205,19 @@ def draw_residuals(predictions: pd.DataFrame, outcomes: pd.DataFrame, model: str
     figure = Figure(figsize=(9.2, 3.4), layout="constrained")
     over, by, spread = figure.subplots(1, 3, sharey=True, width_ratios=(1.3, 1, 0.7))
     for (mode, filled), here in part.groupby(["mode", "decided"]):
-        dot(over, here["predicted_deg"], residual[here.index], MODE_COLOUR[mode], MODE_MARKER[mode],
-            filled, markersize=4)
+        dot(
+            over,
+            here["predicted_deg"],
+            residual[here.index],
+            MODE_COLOUR[mode],
+            MODE_MARKER[mode],
+            filled,
+            markersize=4,
+        )
     levels = ordered(part["periodicity"])
-    by.boxplot([residual[part["periodicity"] == v] for v in levels], positions=range(len(levels)),
-               **BOX)
+    by.boxplot(
+        [residual[part["periodicity"] == v] for v in levels], positions=range(len(levels)), **BOX
+    )
     by.set_xticks(range(len(levels)), [str(v) for v in levels])
     spread.hist(residual, bins=25, orientation="horizontal", color="#9AA5B1")
     for panel in (over, by, spread):
@@ -178,11 +238,19 @@ def draw_partial_dependence(table: pd.DataFrame) -> Figure:
     for panel, (x_name, y_name) in zip(panels, pairs, strict=True):
         here = table[(table["x_name"] == x_name) & (table["y_name"] == y_name)]
         grid = here.pivot(index="y", columns="x", values="angle_deg")
-        image = panel.pcolormesh(grid.columns, grid.index, np.ma.masked_invalid(grid.to_numpy()),
-                                 cmap="viridis", vmin=low, vmax=high, shading="nearest")
+        image = panel.pcolormesh(
+            grid.columns,
+            grid.index,
+            np.ma.masked_invalid(grid.to_numpy()),
+            cmap="viridis",
+            vmin=low,
+            vmax=high,
+            shading="nearest",
+        )
         if grid.notna().all(axis=None) and min(grid.shape) > 1 and high > low:
-            lines = panel.contour(grid.columns, grid.index, grid.to_numpy(), colors="white",
-                                  linewidths=0.7)
+            lines = panel.contour(
+                grid.columns, grid.index, grid.to_numpy(), colors="white", linewidths=0.7
+            )
             panel.clabel(lines, fontsize=7)
         panel.grid(False)
         panel.set(xlabel=AXIS_LABEL[x_name], ylabel=AXIS_LABEL[y_name])

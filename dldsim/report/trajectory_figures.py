@@ -94,8 +94,11 @@ def pick_trajectories(runs: pd.DataFrame) -> list[tuple[str, list[str]]]:
             away = (of_mode["angle_ratio"] - of_mode["angle_ratio"].median()).abs()
             best = of_mode.assign(away=away).sort_values(["open", "away", "run_id"]).iloc[0]
             panels.append((f"{mode} mode", [best["run_id"]]))
-    alike = runs.assign(settled=settled(runs)).groupby("outcome_id").agg(
-        settled=("settled", "all"), modes=("mode", "nunique"))
+    alike = (
+        runs.assign(settled=settled(runs))
+        .groupby("outcome_id")
+        .agg(settled=("settled", "all"), modes=("mode", "nunique"))
+    )
     sure = alike.index[alike["settled"] & (alike["modes"] == 1)]
     widest, pair = 0.0, None
     decided = points[points["outcome_id"].isin(sure)]
@@ -155,8 +158,13 @@ def trajectory_panel(
     )
     ylim = (y.min() - 0.75 * pitch, y.max() + 0.75 * pitch)
     return TrajectoryPanel(
-        title, paths, pillars_in(first, xlim, ylim), first["pillar_radius_um"],
-        first["cell_radius_um"], xlim, ylim,
+        title,
+        paths,
+        pillars_in(first, xlim, ylim),
+        first["pillar_radius_um"],
+        first["cell_radius_um"],
+        xlim,
+        ylim,
     )
 
 
@@ -165,9 +173,7 @@ def draw_trajectories(panels: list[TrajectoryPanel]) -> Figure:
     """Paths over pillars with the true aspect ratio, and the deformation index below each."""
     width, left, right, strip = 9.2, 0.68, 0.12, 0.55
     inner = width - left - right
-    heights = [
-        inner * (p.ylim[1] - p.ylim[0]) / (p.xlim[1] - p.xlim[0]) for p in panels
-    ]
+    heights = [inner * (p.ylim[1] - p.ylim[0]) / (p.xlim[1] - p.xlim[0]) for p in panels]
     above, between, below = 0.5, 0.12, 0.6
     total = sum(heights) + len(panels) * (above + between + strip + below)
     figure = Figure(figsize=(width, total))
@@ -181,7 +187,9 @@ def draw_trajectories(panels: list[TrajectoryPanel]) -> Figure:
         axes.add_collection(
             PatchCollection(
                 [Circle(centre, panel.pillar_radius) for centre in panel.pillars],
-                facecolor=PILLAR, edgecolor="#8A9099", linewidth=0.5,
+                facecolor=PILLAR,
+                edgecolor="#8A9099",
+                linewidth=0.5,
             )
         )
         for path in panel.paths:
@@ -191,8 +199,14 @@ def draw_trajectories(panels: list[TrajectoryPanel]) -> Figure:
             below_axes.plot(path["x"], path["deformation_index"], color=colour, linewidth=1.2)
         start = panel.paths[0]
         axes.add_patch(
-            Circle((start["x"][0], start["y"][0]), panel.cell_radius, fill=False,
-                   edgecolor="black", linestyle=(0, (2, 1.5)), linewidth=0.9)
+            Circle(
+                (start["x"][0], start["y"][0]),
+                panel.cell_radius,
+                fill=False,
+                edgecolor="black",
+                linestyle=(0, (2, 1.5)),
+                linewidth=0.9,
+            )
         )
         axes.set(xlim=panel.xlim, ylim=panel.ylim, ylabel="$y$ [µm]")
         axes.set_title(panel.title, pad=19)
@@ -201,8 +215,12 @@ def draw_trajectories(panels: list[TrajectoryPanel]) -> Figure:
         for spine in axes.spines.values():
             spine.set_visible(True)
         axes.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(panel.paths), borderpad=0.1,
-            borderaxespad=0.2, handlelength=1.6,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=len(panel.paths),
+            borderpad=0.1,
+            borderaxespad=0.2,
+            handlelength=1.6,
         )
         below_axes.set(xlim=panel.xlim, xlabel="$x$ [µm]", ylabel="DI")
         highest = max(path["deformation_index"].max() for path in panel.paths)
@@ -225,7 +243,9 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
         upper.plot([0, longest], [0, longest], ":", color="black", linewidth=1)
         for _, run in runs[runs["periodicity"] == periodicity].iterrows():
             style = {
-                "color": MODE_COLOUR[run["mode"]], "alpha": 0.75, "linewidth": 1,
+                "color": MODE_COLOUR[run["mode"]],
+                "alpha": 0.75,
+                "linewidth": 1,
                 "linestyle": "-" if run["status"] in SETTLED else (0, (4, 1.5)),
             }
             total = cumulated_row_shifts(run)
@@ -249,7 +269,8 @@ def draw_all_runs(runs: pd.DataFrame, trajectories: pd.DataFrame | None) -> Figu
         grid[1, 0].set_ylabel("height in gap\n(0 lower, 1 upper pillar)")
     handles = [
         key(MODE_COLOUR[m], line="-", label=mode_name(m))
-        for m in MODES if (runs["mode"] == m).any()
+        for m in MODES
+        if (runs["mode"] == m).any()
     ]
     handles.append(key("black", line=":", label="full bump"))
     if (~settled(runs)).any():
@@ -278,12 +299,18 @@ def draw_row_maps(runs: pd.DataFrame) -> Figure:
         axes.axhline(1, linestyle=":", color="black", linewidth=1)
         for _, run in group.iterrows():
             height, steps = row_map(run)
-            axes.plot(height, steps, ".", color=colours[run["run_id"]], markersize=4,
-                      label=f"set {run['stiffness_set']}, {run['release_gap_fraction']:g}")
+            axes.plot(
+                height,
+                steps,
+                ".",
+                color=colours[run["run_id"]],
+                markersize=4,
+                label=f"set {run['stiffness_set']}, {run['release_gap_fraction']:g}",
+            )
         axes.set(xlim=(-2 * radius / gap, 1), xlabel="height in gap (grey: pillar)")
         axes.set_title(f"$P_r$ = {radius:g}, $P_g$ = {gap:g} µm, $N_p$ = {periodicity}")
         axes.legend(title="stiffness, release", loc="lower right", fontsize=7, title_fontsize=7)
-    for axes in grid.flat[len(panels):]:
+    for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes in grid[:, 0]:
         axes.set_ylabel(r"lateral step / $\varepsilon\lambda$")

@@ -8,16 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from dldsim.report.angle_figures import SCATTER_OF_LAW, critical_size_ratio
-from dldsim.report.style import (
-    GREY,
-    dot,
-    key,
-    legend,
-    multiples,
-    ordered,
-    shades_of,
-    styled,
-)
+from dldsim.report.style import GREY, dot, key, legend, multiples, ordered, shades_of, styled
 
 VARIANT_COLOUR = {"half-way": "#D55E00", "interpolated": "#0072B2"}
 VARIANT_MARKER = {"half-way": "s", "interpolated": "o"}
@@ -58,7 +49,8 @@ def observed_orders(validation: pd.DataFrame) -> pd.DataFrame:
     """
     means = convergence(validation)
     ends = means.groupby(["case", "variant"], sort=False)[["resolution", "error"]].agg(
-        ["first", "last"])
+        ["first", "last"]
+    )
     ends = ends[ends["error", "last"] > 1e-7]
     gain = np.log(ends["error", "first"] / ends["error", "last"])
     order = gain / np.log(ends["resolution", "last"] / ends["resolution", "first"])
@@ -66,8 +58,11 @@ def observed_orders(validation: pd.DataFrame) -> pd.DataFrame:
 
 
 def _variant_keys(variants) -> list:
-    return [key(VARIANT_COLOUR[v], VARIANT_MARKER[v], "-", label=f"{v} bounce-back")
-            for v in VARIANT_COLOUR if v in set(variants)]
+    return [
+        key(VARIANT_COLOUR[v], VARIANT_MARKER[v], "-", label=f"{v} bounce-back")
+        for v in VARIANT_COLOUR
+        if v in set(variants)
+    ]
 
 
 @styled
@@ -86,26 +81,47 @@ def draw_convergence(validation: pd.DataFrame) -> Figure:
         for (variant, *_), part in of_case[of_case["mark"].notna()].groupby(
             ["variant", "quantity", "parameter"], dropna=False
         ):
-            panel.plot(part["resolution"], part["relative_error"].abs(), linewidth=0.6, alpha=0.35,
-                       color=VARIANT_COLOUR.get(variant, GREY))
+            panel.plot(
+                part["resolution"],
+                part["relative_error"].abs(),
+                linewidth=0.6,
+                alpha=0.35,
+                color=VARIANT_COLOUR.get(variant, GREY),
+            )
         for variant, part in here.groupby("variant", sort=False):
-            panel.plot(part["resolution"], part["error"], color=VARIANT_COLOUR.get(variant, GREY),
-                       marker=VARIANT_MARKER.get(variant, "D"), linewidth=1.8)
+            panel.plot(
+                part["resolution"],
+                part["error"],
+                color=VARIANT_COLOUR.get(variant, GREY),
+                marker=VARIANT_MARKER.get(variant, "D"),
+                linewidth=1.8,
+            )
         x = np.array([here["resolution"].min(), here["resolution"].max()])
         for order, line in ((1, ":"), (2, "--")):
-            panel.plot(x, here["error"].max() * (x / x[0]) ** -order, line, color="black",
-                       linewidth=0.9)
-        panel.set(xscale="log", yscale="log", xlabel=of_case["resolution_of"].iloc[0],
-                  ylim=(here["error"].min() / 8, here["error"].max() * 4))
+            panel.plot(
+                x, here["error"].max() * (x / x[0]) ** -order, line, color="black", linewidth=0.9
+            )
+        panel.set(
+            xscale="log",
+            yscale="log",
+            xlabel=of_case["resolution_of"].iloc[0],
+            ylim=(here["error"].min() / 8, here["error"].max() * 4),
+        )
         ticks = ordered(here["resolution"].round())
         panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         panel.minorticks_off()
         panel.set_title(case)
         if panel.get_subplotspec().is_first_col():
             panel.set_ylabel("|relative error|")
-    legend(figure, [*_variant_keys(means["variant"]), key(GREY, "D", "-", label="other variants"),
-                     key("black", line=":", label="order 1"),
-                     key("black", line="--", label="order 2")])
+    legend(
+        figure,
+        [
+            *_variant_keys(means["variant"]),
+            key(GREY, "D", "-", label="other variants"),
+            key("black", line=":", label="order 1"),
+            key("black", line="--", label="order 2"),
+        ],
+    )
     return figure
 
 
@@ -121,13 +137,23 @@ def draw_square_arrays(validation: pd.DataFrame) -> Figure:
         of_variant = table[table["variant"] == variant]
         for resolution, part in of_variant.groupby("resolution"):
             part = part.sort_values("parameter")
-            panel.plot(part["parameter"], part["relative_error"].abs(), "-",
-                       marker=VARIANT_MARKER[variant], color=colours[resolution])
+            panel.plot(
+                part["parameter"],
+                part["relative_error"].abs(),
+                "-",
+                marker=VARIANT_MARKER[variant],
+                color=colours[resolution],
+            )
             panel.plot(part["parameter"], part["mark"], ":", color=colours[resolution])
         panel.set(yscale="log", xlabel="solid fraction", title=f"{variant} bounce-back")
     panels[0].set_ylabel("|relative error| of the permeability")
-    legend(figure, [*(key(c, "o", "-", label=f"{r:g} nodes per pitch")
-                       for r, c in colours.items()), key(GREY, line=":", label="allowed")])
+    legend(
+        figure,
+        [
+            *(key(c, "o", "-", label=f"{r:g} nodes per pitch") for r, c in colours.items()),
+            key(GREY, line=":", label="allowed"),
+        ],
+    )
     return figure
 
 
@@ -143,23 +169,40 @@ def draw_tilts(validation: pd.DataFrame) -> Figure:
         colour = VARIANT_COLOUR.get(variant, GREY)
         for case, marker in (("row-shifted-arrays", "o"), ("finite-height-arrays", "^")):
             dots = part[part["finest"] & (part["case"] == case)]
-            dot(parity, dots["reference"], dots["value"], colour, marker,
-                 variant == "interpolated")
+            dot(parity, dots["reference"], dots["value"], colour, marker, variant == "interpolated")
             off = part[part["case"] == case]
-            dot(error, off["resolution"], (off["value"] - off["reference"]).abs(), colour, marker,
-                 variant == "interpolated")
-    parity.set(xlabel="reference tilt [°]", ylabel="computed tilt, finest resolution [°]",
-               xlim=(0, top), ylim=(0, top), aspect="equal")
+            dot(
+                error,
+                off["resolution"],
+                (off["value"] - off["reference"]).abs(),
+                colour,
+                marker,
+                variant == "interpolated",
+            )
+    parity.set(
+        xlabel="reference tilt [°]",
+        ylabel="computed tilt, finest resolution [°]",
+        xlim=(0, top),
+        ylim=(0, top),
+        aspect="equal",
+    )
     error.set(xscale="log", yscale="log", xlabel="nodes per pitch", ylabel="|error| of tilt [°]")
     ticks = (20, 30, 40, 60, 80)
     error.set_xticks(ticks, [str(tick) for tick in ticks])
     error.minorticks_off()
     present = set(tilts["variant"])
-    legend(figure, [
-        *(key(VARIANT_COLOUR[v], "o", filled=v == "interpolated", label=f"{v} bounce-back")
-          for v in VARIANT_COLOUR if v in present),
-        key(GREY, "o", label="plane arrays"), key(GREY, "^", label="arrays between plates"),
-    ])  # fmt: skip
+    legend(
+        figure,
+        [
+            *(
+                key(VARIANT_COLOUR[v], "o", filled=v == "interpolated", label=f"{v} bounce-back")
+                for v in VARIANT_COLOUR
+                if v in present
+            ),
+            key(GREY, "o", label="plane arrays"),
+            key(GREY, "^", label="arrays between plates"),
+        ],
+    )
     return figure
 
 
@@ -174,17 +217,28 @@ def draw_stretching(validation: pd.DataFrame) -> Figure:
     for quantity, colour in (("axial diameter", "#0072B2"), ("transverse diameter", "#D55E00")):
         part = table[table["quantity"] == quantity]
         seen = part[part["mark"].notna()].drop_duplicates("parameter", keep="last")
-        panel.errorbar(seen["parameter"], seen["reference"], seen["reference"] * seen["mark"],
-                       fmt="o", color=colour, capsize=3, markersize=4, linewidth=1)
+        panel.errorbar(
+            seen["parameter"],
+            seen["reference"],
+            seen["reference"] * seen["mark"],
+            fmt="o",
+            color=colour,
+            capsize=3,
+            markersize=4,
+            linewidth=1,
+        )
         for variant in variants:
             ours = part[part["variant"] == variant]
             panel.plot(ours["parameter"], ours["value"], lines[variant], color=colour)
     panel.set(xlabel="force [pN]", ylabel="diameter [µm]", ylim=(0, None))
-    legend(figure, [
-        key("#0072B2", "o", label="axial, experiment"),
-        key("#D55E00", "o", label="transverse, experiment"),
-        *(key(GREY, line=lines[v], label=f"computed, {v}") for v in variants),
-    ])  # fmt: skip
+    legend(
+        figure,
+        [
+            key("#0072B2", "o", label="axial, experiment"),
+            key("#D55E00", "o", label="transverse, experiment"),
+            *(key(GREY, line=lines[v], label=f"computed, {v}") for v in variants),
+        ],
+    )
     return figure
 
 
@@ -222,8 +276,9 @@ def draw_capsules(validation: pd.DataFrame) -> Figure:
     deformation = table[table["quantity"] == "Taylor deformation"]
     ca = np.array([0.007, 0.1])
     for line, law in (("-", "neo-Hookean"), ("--", "springs")):
-        small = deformation[(deformation["law"] == law)
-                            & deformation["variant"].str.contains("small deformation")]
+        small = deformation[
+            (deformation["law"] == law) & deformation["variant"].str.contains("small deformation")
+        ]
         if len(small):
             ratio = (small["reference"] / small["parameter"]).iloc[0]
             shape.plot(ca, ratio * ca, line, color="black", linewidth=0.9)
@@ -233,8 +288,15 @@ def draw_capsules(validation: pd.DataFrame) -> Figure:
     for curve, marker in PUBLISHED_MARKER.items():
         part = published[published["variant"].str.contains(curve, regex=False)]
         above = part["reference"] / part["parameter"].map(integral) - 1
-        error.plot(part["parameter"] * 1.08, 100 * above, marker, color=GREY, markersize=4,
-                   markerfacecolor="none", zorder=1)
+        error.plot(
+            part["parameter"] * 1.08,
+            100 * above,
+            marker,
+            color=GREY,
+            markersize=4,
+            markerfacecolor="none",
+            zorder=1,
+        )
         published = published.drop(part.index)
     finest = table[table["finest"] & table["kind"].isin(["resolved", "springs"])]
     for law, colour in LAW_COLOUR.items():
@@ -247,11 +309,24 @@ def draw_capsules(validation: pd.DataFrame) -> Figure:
         resolved = of_law[of_law["kind"] == "resolved"]
         for level, marker in enumerate("^o"):
             part = resolved[resolved["level"] == level]
-            dot(error, part["parameter"], 100 * part["relative_error"], colour, marker, level > 0,
-                markersize=4)
+            dot(
+                error,
+                part["parameter"],
+                100 * part["relative_error"],
+                colour,
+                marker,
+                level > 0,
+                markersize=4,
+            )
         part = of_law[of_law["kind"] == "extrapolated"]
-        error.plot(part["parameter"], 100 * part["relative_error"], "_", color=colour,
-                   markersize=11, markeredgewidth=1.6)
+        error.plot(
+            part["parameter"],
+            100 * part["relative_error"],
+            "_",
+            color=colour,
+            markersize=11,
+            markeredgewidth=1.6,
+        )
     error.axhline(0, color="black", linewidth=0.8)
     shape.set(xscale="log", yscale="log", ylabel="Taylor deformation")
     error.set(xscale="log", ylabel="Taylor deformation above reference [%]")
@@ -263,17 +338,29 @@ def draw_capsules(validation: pd.DataFrame) -> Figure:
         panel.set_xlim(0.007, 0.8)
         panel.minorticks_off()
     radii = ordered(table.loc[table["kind"] == "resolved", "resolution"])
-    legend(figure, [
-        *(key(c, "o", label=name) for name, c in LAW_COLOUR.items()),
-        key(GREY, "s", filled=False, label="boundary integral, theory"),
-        *(key(GREY, marker, filled=marker == "o", label=f"radius of {radius:g} nodes")
-          for radius, marker in zip(radii, "^o", strict=False)),
-        key(GREY, "_", label="extrapolated"),
-        *(key(GREY, marker, filled=False, label=label) for marker, label in (
-            ("v", "Ramanujan & Pozrikidis 1998"), ("<", "Doddi & Bagchi 2008"),
-            ("x", "Huet, fine"), ("+", "Huet, coarse"))),
-        key("black", line="-", label="small deformation"),
-    ], ncols=4)  # fmt: skip
+    legend(
+        figure,
+        [
+            *(key(c, "o", label=name) for name, c in LAW_COLOUR.items()),
+            key(GREY, "s", filled=False, label="boundary integral, theory"),
+            *(
+                key(GREY, marker, filled=marker == "o", label=f"radius of {radius:g} nodes")
+                for radius, marker in zip(radii, "^o", strict=False)
+            ),
+            key(GREY, "_", label="extrapolated"),
+            *(
+                key(GREY, marker, filled=False, label=label)
+                for marker, label in (
+                    ("v", "Ramanujan & Pozrikidis 1998"),
+                    ("<", "Doddi & Bagchi 2008"),
+                    ("x", "Huet, fine"),
+                    ("+", "Huet, coarse"),
+                )
+            ),
+            key("black", line="-", label="small deformation"),
+        ],
+        ncols=4,
+    )
     return figure
 
 
@@ -285,8 +372,13 @@ def draw_transition(validation: pd.DataFrame) -> Figure:
     panel = figure.subplots()
     epsilon = np.linspace(0.04, 0.26, 200)
     law = critical_size_ratio(epsilon)
-    panel.fill_between(epsilon, (1 - SCATTER_OF_LAW) * law, (1 + SCATTER_OF_LAW) * law,
-                       color="#E4E6E9", linewidth=0)
+    panel.fill_between(
+        epsilon,
+        (1 - SCATTER_OF_LAW) * law,
+        (1 + SCATTER_OF_LAW) * law,
+        color="#E4E6E9",
+        linewidth=0,
+    )
     panel.plot(epsilon, law, color="black")
     bound = table[table["quantity"] == "critical diameter beside streamline bound"]
     bound = bound.sort_values("parameter").drop_duplicates("parameter")
@@ -294,26 +386,43 @@ def draw_transition(validation: pd.DataFrame) -> Figure:
     colours = shades_of(table["resolution"].dropna(), top=0.8)
     extrapolated = table[table["variant"] == "extrapolated"]
     panel.plot(1 / extrapolated["parameter"], extrapolated["value"], "x", color="black")
-    parts = {name: part.set_index(["parameter", "resolution"])
-             for name, part in table.drop(extrapolated.index).groupby("quantity")}  # fmt: skip
+    parts = {
+        name: part.set_index(["parameter", "resolution"])
+        for name, part in table.drop(extrapolated.index).groupby("quantity")
+    }
     critical = parts["critical diameter"].sort_index()
     beside = 0.004 * critical.groupby(level="parameter").cumcount()  # of the same row shift
     for (periodicity, resolution), row in critical.iterrows():
-        low, high = (parts[name].loc[(periodicity, resolution), "value"] for name in (
-            "largest diameter that zigzags", "smallest diameter that bumps"))
+        low, high = (
+            parts[name].loc[(periodicity, resolution), "value"]
+            for name in ("largest diameter that zigzags", "smallest diameter that bumps")
+        )
         panel.errorbar(
-            1 / periodicity + beside[periodicity, resolution], row["value"],
-            [[row["value"] - low], [high - row["value"]]], fmt="o", markersize=2.5,
-            color=colours[resolution], capsize=4, linewidth=1.2,
-        )  # fmt: skip
-    panel.set(xlabel="row-shift fraction ε = 1/N$_p$", ylabel="critical diameter / gap",
-              xlim=(0.04, 0.26), ylim=(0, None))  # fmt: skip
-    legend(figure, [
-        *(key(c, "o", label=f"stiff sphere, {r:g} nodes per gap") for r, c in colours.items()),
-        key("black", "x", label="extrapolated"),
-        key("black", line="-", label="1.4 ε$^{0.48}$ (shade: ±10 %)"),
-        key(GREY, line="--", label="point-like follower"),
-    ], ncols=3)  # fmt: skip
+            1 / periodicity + beside[periodicity, resolution],
+            row["value"],
+            [[row["value"] - low], [high - row["value"]]],
+            fmt="o",
+            markersize=2.5,
+            color=colours[resolution],
+            capsize=4,
+            linewidth=1.2,
+        )
+    panel.set(
+        xlabel="row-shift fraction ε = 1/N$_p$",
+        ylabel="critical diameter / gap",
+        xlim=(0.04, 0.26),
+        ylim=(0, None),
+    )
+    legend(
+        figure,
+        [
+            *(key(c, "o", label=f"stiff sphere, {r:g} nodes per gap") for r, c in colours.items()),
+            key("black", "x", label="extrapolated"),
+            key("black", line="-", label="1.4 ε$^{0.48}$ (shade: ±10 %)"),
+            key(GREY, line="--", label="point-like follower"),
+        ],
+        ncols=3,
+    )
     return figure
 
 
@@ -329,12 +438,32 @@ def draw_constriction_shape(validation: pd.DataFrame) -> Figure:
         part = table[table["quantity"].str.startswith(f"diameter {name}")]
         seen = part.drop_duplicates("parameter")
         bar = table["mark"].max() * seen["reference"]
-        panel.errorbar(seen["parameter"], seen["reference"], bar, fmt="s", color="black",
-                       markerfacecolor="white", capsize=4, markersize=6, linewidth=1)
+        panel.errorbar(
+            seen["parameter"],
+            seen["reference"],
+            bar,
+            fmt="s",
+            color="black",
+            markerfacecolor="white",
+            capsize=4,
+            markersize=6,
+            linewidth=1,
+        )
         for n, (variant, of_variant) in enumerate(part.groupby("variant", sort=False)):
-            panel.plot(of_variant["parameter"] + 0.13 * (n + 1), of_variant["value"], "o",
-                       markersize=3.5, color=colours[variant])
+            panel.plot(
+                of_variant["parameter"] + 0.13 * (n + 1),
+                of_variant["value"],
+                "o",
+                markersize=3.5,
+                color=colours[variant],
+            )
         panel.set(xlabel="position", ylabel=f"{name} [µm]", xticks=[1, 2, 3, 4], ylim=(0, None))
-    legend(figure, [key("black", "s", filled=False, label="experiment"),
-                    *(key(c, "o", label=v) for v, c in colours.items())], ncols=2)
+    legend(
+        figure,
+        [
+            key("black", "s", filled=False, label="experiment"),
+            *(key(c, "o", label=v) for v, c in colours.items()),
+        ],
+        ncols=2,
+    )
     return figure

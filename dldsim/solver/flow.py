@@ -80,9 +80,15 @@ class Fluid:
     def advance(self, steps: int) -> None:
         """Advance by an even number of steps."""
         advance_fluid(
-            steps, self.f, self.f_new, self.velocity, self.lattice.streaming,
-            self.parameters, self.inertia, self.buffer,
-        )  # fmt: skip
+            steps,
+            self.f,
+            self.f_new,
+            self.velocity,
+            self.lattice.streaming,
+            self.parameters,
+            self.inertia,
+            self.buffer,
+        )
         self.steps += steps
 
     def velocity_field(self) -> np.ndarray:
@@ -190,10 +196,12 @@ class EmptyFlow:
             update={"velocity_lu": self.numerics.velocity_lu / factor}
         )
         return replace(
-            self, numerics=numerics, body_force=self.body_force / factor,
+            self,
+            numerics=numerics,
+            body_force=self.body_force / factor,
             mean_velocity=self.mean_velocity / factor,
             populations=self.populations / self.populations.dtype.type(factor),
-        )  # fmt: skip
+        )
 
     def save(self, path: Path) -> None:
         """Write atomically as .npz."""
@@ -205,9 +213,13 @@ class EmptyFlow:
         }
         with atomic_path(path) as part, part.open("wb") as stream:
             np.savez(
-                stream, meta=json.dumps(meta), mobility=self.mobility, body_force=self.body_force,
-                mean_velocity=self.mean_velocity, populations=self.populations,
-            )  # fmt: skip
+                stream,
+                meta=json.dumps(meta),
+                mobility=self.mobility,
+                body_force=self.body_force,
+                mean_velocity=self.mean_velocity,
+                populations=self.populations,
+            )
 
     @classmethod
     def load(cls, path: Path) -> "EmptyFlow":
@@ -218,8 +230,10 @@ class EmptyFlow:
                 arrays = {n: data[n] for n in data.files if n != "meta"}
                 meta = json.loads(str(data["meta"]))
         except (OSError, TypeError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            damaged = (f"{path} is not a flow file of dldsim or is damaged ({error}). Delete it "
-                       "and run snakemake again.")
+            damaged = (
+                f"{path} is not a flow file of dldsim or is damaged ({error}). Delete it "
+                "and run snakemake again."
+            )
             raise DldsimError(why_not_read(path, error) or damaged) from error
         if meta.pop("physics_version", None) != PHYSICS_VERSION:
             raise DldsimError(
@@ -270,10 +284,19 @@ def solve_empty_array(
     if numerics.inertia == "navier-stokes":
         force = _correct_drive(fluid, mobility, force, flow, numerics, length, progress)
     return EmptyFlow(
-        geometry, flow, numerics, mobility, force, fluid.mean_velocity()[:2], fluid.f,
-        array.spacing_um, array.pitch, array.lattice.nodes, fluid.steps,
+        geometry,
+        flow,
+        numerics,
+        mobility,
+        force,
+        fluid.mean_velocity()[:2],
+        fluid.f,
+        array.spacing_um,
+        array.pitch,
+        array.lattice.nodes,
+        fluid.steps,
         time.perf_counter() - start,
-    )  # fmt: skip
+    )
 
 
 def drive_force(mobility: np.ndarray, velocity: float, drive: str) -> np.ndarray:

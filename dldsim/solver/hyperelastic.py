@@ -68,9 +68,14 @@ def add_neo_hookean_forces(x, membrane, modulus, force):
         by_trace = 0.5 * modulus / sqrt(det)
         by_area = -by_trace / (area2 * area2)
         add_stress(
-            x, membrane.faces, f, by_trace * rest[0] + by_area * now[0],
-            by_trace * rest[1] + by_area * now[1], by_trace * rest[2] + by_area * now[2], force,
-        )  # fmt: skip
+            x,
+            membrane.faces,
+            f,
+            by_trace * rest[0] + by_area * now[0],
+            by_trace * rest[1] + by_area * now[1],
+            by_trace * rest[2] + by_area * now[2],
+            force,
+        )
 
 
 @jit
@@ -83,9 +88,14 @@ def add_skalak_forces(x, membrane, modulus, c, force):
         by_trace = half * (trace - 1)
         by_area = half * (c * (area2 - 1) - 1)
         add_stress(
-            x, membrane.faces, f, by_trace * rest[0] + by_area * now[0],
-            by_trace * rest[1] + by_area * now[1], by_trace * rest[2] + by_area * now[2], force,
-        )  # fmt: skip
+            x,
+            membrane.faces,
+            f,
+            by_trace * rest[0] + by_area * now[0],
+            by_trace * rest[1] + by_area * now[1],
+            by_trace * rest[2] + by_area * now[2],
+            force,
+        )
 
 
 @jit

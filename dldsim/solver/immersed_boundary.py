@@ -52,11 +52,20 @@ def make_domain(lattice: Lattice, dtype=np.float64) -> Domain:
     between = (layer >= 0) & (layer < nz) | (not lattice.walls)
     sign = np.where(layer == z, 1.0, -1.0) * ~((z == nz - 1) & lattice.split)
     return Domain(
-        nx, ny, nz, lattice.row_shift, lattice.walls, ny + REACH,
-        (np.maximum(column, 0) * nz).astype(np.uint32), (column >= 0).astype(dtype),
-        np.where(between, layer % nz, 0).astype(np.uint32), between.astype(dtype),
-        (sign * between).astype(dtype), lattice.nodes, lattice.split,
-    )  # fmt: skip
+        nx,
+        ny,
+        nz,
+        lattice.row_shift,
+        lattice.walls,
+        ny + REACH,
+        (np.maximum(column, 0) * nz).astype(np.uint32),
+        (column >= 0).astype(dtype),
+        np.where(between, layer % nz, 0).astype(np.uint32),
+        between.astype(dtype),
+        (sign * between).astype(dtype),
+        lattice.nodes,
+        lattice.split,
+    )
 
 
 class Stencil(NamedTuple):
@@ -109,12 +118,18 @@ def make_stencil(vertices: int, kernel: str, dtype=np.float64) -> Stencil:
     m, n = POINTS[own], POINTS[across]
     columns, levels = (vertices, 2 * m * n + n * n), (vertices, m + n)
     return Stencil(
-        aligned_zeros(columns, np.uint32), aligned_zeros(columns, dtype),
-        aligned_zeros(levels, np.uint32), aligned_zeros(levels, dtype),
-        own, across, tuple(range(m)), tuple(range(n)),
-        aligned_zeros((6, vertices)), aligned_zeros((6, 4, vertices), dtype),
+        aligned_zeros(columns, np.uint32),
+        aligned_zeros(columns, dtype),
+        aligned_zeros(levels, np.uint32),
+        aligned_zeros(levels, dtype),
+        own,
+        across,
+        tuple(range(m)),
+        tuple(range(n)),
+        aligned_zeros((6, vertices)),
+        aligned_zeros((6, 4, vertices), dtype),
         aligned_zeros((5, vertices), np.uint32),
-    )  # fmt: skip
+    )
 
 
 @restrict

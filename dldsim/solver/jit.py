@@ -30,8 +30,11 @@ PROBE = 64 * 1024
 def _kernel_sources() -> list[Path]:
     """The solver, whose constants are frozen into kernels, and modules with kernels elsewhere."""
     marker = "from dldsim.solver.jit import"
-    return [p for p in sorted(PACKAGE.rglob("*.py"))
-            if PACKAGE / "solver" in p.parents or marker in p.read_text("utf-8")]
+    return [
+        p
+        for p in sorted(PACKAGE.rglob("*.py"))
+        if PACKAGE / "solver" in p.parents or marker in p.read_text("utf-8")
+    ]
 
 
 def _cache_home() -> Path:
@@ -66,8 +69,9 @@ def _warn(error: Exception) -> None:
     warnings.warn(
         f"Compiled kernels cannot be kept ({error}): they are compiled anew in every process, "
         "which takes about a minute. Set NUMBA_CACHE_DIR to a directory that can be written.",
-        RuntimeWarning, stacklevel=2,
-    )  # fmt: skip
+        RuntimeWarning,
+        stacklevel=2,
+    )
 
 
 CACHE = _usable_cache()
@@ -134,10 +138,7 @@ if numba.config.CPU_FEATURES is None and "+avx512vl" in get_host_cpu_features():
 CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 
 # NaN and infinity keep their meaning, so that the stability guard can see them.
-_options = {
-    "error_model": "numpy",
-    "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"},
-}
+_options = {"error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}}
 jit = _compiler(**_options)
 restrict = _compiler(**_options, noalias=True)
 """For kernels none of whose arrays overlap, unless they are only read."""

@@ -30,12 +30,26 @@ from dldsim.solver.jit import jit, restrict
 VELOCITIES = np.array(
     [
         (0, 0, 0),
-        (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1),
-        (1, 1, 0), (-1, -1, 0), (1, -1, 0), (-1, 1, 0),
-        (1, 0, 1), (-1, 0, -1), (1, 0, -1), (-1, 0, 1),
-        (0, 1, 1), (0, -1, -1), (0, 1, -1), (0, -1, 1),
+        (1, 0, 0),
+        (-1, 0, 0),
+        (0, 1, 0),
+        (0, -1, 0),
+        (0, 0, 1),
+        (0, 0, -1),
+        (1, 1, 0),
+        (-1, -1, 0),
+        (1, -1, 0),
+        (-1, 1, 0),
+        (1, 0, 1),
+        (-1, 0, -1),
+        (1, 0, -1),
+        (-1, 0, 1),
+        (0, 1, 1),
+        (0, -1, -1),
+        (0, 1, -1),
+        (0, -1, 1),
     ]
-)  # fmt: skip
+)
 WEIGHTS = np.array([1 / 3] + [1 / 18] * 6 + [1 / 36] * 12)
 OPPOSITE = np.array([0] + [q + 1 if q % 2 else q - 1 for q in range(1, 19)])
 MIRRORED = np.array([0, 1, 2, 3, 4, 6, 5, 7, 8, 9, 10, 13, 14, 11, 12, 17, 18, 15, 16])
@@ -316,9 +330,10 @@ def _compress(runs, exacts, blends, aside, nodes, dtype) -> Streaming:
     source = np.repeat(source[start], count) + int(PIECE) * rank
     kinds = short, long, patch, blend, push
     return Streaming(
-        source.astype(np.uint32), target.astype(np.uint32),
+        source.astype(np.uint32),
+        target.astype(np.uint32),
         *(column for entries in kinds for column in by_block(entries)),
-    )  # fmt: skip
+    )
 
 
 @restrict
@@ -519,11 +534,19 @@ def collision_parameters(
         omega_minus = omega_plus
     return np.array(
         [
-            omega_plus, omega_minus, 1 - omega_plus / 2, 1 - omega_minus / 2, *body_force,
-            *WEIGHTS[[0, 1, 7]], 0, 0.5, 3, 9,
+            omega_plus,
+            omega_minus,
+            1 - omega_plus / 2,
+            1 - omega_minus / 2,
+            *body_force,
+            *WEIGHTS[[0, 1, 7]],
+            0,
+            0.5,
+            3,
+            9,
         ],
         dtype,
-    )  # fmt: skip
+    )
 
 
 @restrict

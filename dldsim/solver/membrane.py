@@ -72,21 +72,21 @@ class Membrane(NamedTuple):
 class Scratch(NamedTuple):
     """Who meets whom, work space of the kernels, and what they leave there.
 
-    One array per component, so that loops vectorise.
+        One array per component, so that loops vectorise.
 
-    - corner_vertex: 3 arrays (F), edge_vertex: 2 arrays (E): vertices times 3, the place of x
-    - edge_face: 2 arrays (E); face_edge: 3 arrays (F), opposite to each vertex
-    - vertex_corner (K, V): corners 3 f + k that meet in a vertex, filled up with 3 F
-    - sides: x, y, z (F) of the side opposite to a face's first vertex, then second, then third
-    - normals: x, y, z (F) of the outward normal times the area; areas (F)
-    - directions: x, y, z (E) from first to second vertex; lengths (E), angles (E): φ
-- smaller (E): squared area of the smaller face of an edge
-    - pulls, twists (E): see `tense_edges`
-    - corners: x, y, z (3 F + 1) of the force of a face on its vertices, the last one zero
-    - face_share (F): how often a face counts in the total area and volume
+        - corner_vertex: 3 arrays (F), edge_vertex: 2 arrays (E): vertices times 3, the place of x
+        - edge_face: 2 arrays (E); face_edge: 3 arrays (F), opposite to each vertex
+        - vertex_corner (K, V): corners 3 f + k that meet in a vertex, filled up with 3 F
+        - sides: x, y, z (F) of the side opposite to a face's first vertex, then second, then third
+        - normals: x, y, z (F) of the outward normal times the area; areas (F)
+        - directions: x, y, z (E) from first to second vertex; lengths (E), angles (E): φ
+    - smaller (E): squared area of the smaller face of an edge
+        - pulls, twists (E): see `tense_edges`
+        - corners: x, y, z (3 F + 1) of the force of a face on its vertices, the last one zero
+        - face_share (F): how often a face counts in the total area and volume
 
-    Of half a membrane (see :mod:`dldsim.solver.mirror`) the faces without face_edge bear no force,
-    and vertex_corner has those vertices whose force is asked for.
+        Of half a membrane (see :mod:`dldsim.solver.mirror`) the faces without face_edge bear no
+        force, and vertex_corner has those vertices whose force is asked for.
     """
 
     corner_vertex: tuple[np.ndarray, ...]
@@ -132,9 +132,16 @@ def make_membrane(vertices: np.ndarray, faces: np.ndarray) -> Membrane:
         )
     measure_edges(x, scratch)
     return Membrane(
-        topology.faces, topology.edges, topology.edge_faces, topology.face_edges,
-        scratch.lengths, scratch.angles, scratch.areas, area, volume,
-    )  # fmt: skip
+        topology.faces,
+        topology.edges,
+        topology.edge_faces,
+        topology.face_edges,
+        scratch.lengths,
+        scratch.angles,
+        scratch.areas,
+        area,
+        volume,
+    )
 
 
 def make_scratch(membrane: Membrane | mesh.Topology) -> Scratch:
@@ -157,11 +164,19 @@ def make_scratch(membrane: Membrane | mesh.Topology) -> Scratch:
     face_share = aligned_zeros(f)
     face_share[:] = 1.0
     return Scratch(
-        columns(3 * faces), columns(3 * edges), columns(membrane.edge_faces),
-        columns(membrane.face_edges), vertex_corner, zeros(9, f), zeros(3, f),
-        *zeros(1, f), zeros(3, e), *zeros(5, e),
-        zeros(3, loaded.size + 1), face_share,
-    )  # fmt: skip
+        columns(3 * faces),
+        columns(3 * edges),
+        columns(membrane.edge_faces),
+        columns(membrane.face_edges),
+        vertex_corner,
+        zeros(9, f),
+        zeros(3, f),
+        *zeros(1, f),
+        zeros(3, e),
+        *zeros(5, e),
+        zeros(3, loaded.size + 1),
+        face_share,
+    )
 
 
 def shear_modulus(ks: float) -> float:
@@ -326,9 +341,7 @@ def load_corners(membrane, kal, tension, pressure, scratch):
     ax, ay, az, bx, by, bz, cx, cy, cz = scratch.sides
     nx, ny, nz = scratch.normals
     fx, fy, fz = scratch.corners
-    rest, areas, pulls, twists = (
-        membrane.rest_areas, scratch.areas, scratch.pulls, scratch.twists
-    )  # fmt: skip
+    rest, areas, pulls, twists = (membrane.rest_areas, scratch.areas, scratch.pulls, scratch.twists)
     first, second, third = scratch.face_edge
     for f in range(len(first)):
         i, j, k = first[f], second[f], third[f]
@@ -351,14 +364,20 @@ def load_corners(membrane, kal, tension, pressure, scratch):
         vx, vy, vz = pb * sbx, pb * sby, pb * sbz
         wx, wy, wz = pc * scx, pc * scy, pc * scz
         fx[3 * f], fx[3 * f + 1], fx[3 * f + 2] = (
-            wx - vx + na * mx, ux - wx + nb * mx, vx - ux + nc * mx
-        )  # fmt: skip
+            wx - vx + na * mx,
+            ux - wx + nb * mx,
+            vx - ux + nc * mx,
+        )
         fy[3 * f], fy[3 * f + 1], fy[3 * f + 2] = (
-            wy - vy + na * my, uy - wy + nb * my, vy - uy + nc * my
-        )  # fmt: skip
+            wy - vy + na * my,
+            uy - wy + nb * my,
+            vy - uy + nc * my,
+        )
         fz[3 * f], fz[3 * f + 1], fz[3 * f + 2] = (
-            wz - vz + na * mz, uz - wz + nb * mz, vz - uz + nc * mz
-        )  # fmt: skip
+            wz - vz + na * mz,
+            uz - wz + nb * mz,
+            vz - uz + nc * mz,
+        )
 
 
 @restrict

@@ -156,9 +156,12 @@ def half_of(vertices: np.ndarray, whole: Membrane, scratch: Scratch) -> Half:
         renumbered(whole.edges[edges], vertex, len(vertices)),
         renumbered(whole.edge_faces[edges], faces, len(whole.faces)),
         renumbered(whole.face_edges[first], edges, len(whole.edges)),
-        picked(whole.rest_lengths, edges), picked(whole.rest_angles, edges),
-        picked(whole.rest_areas, first), whole.rest_area, whole.rest_volume,
-    )  # fmt: skip
+        picked(whole.rest_lengths, edges),
+        picked(whole.rest_angles, edges),
+        picked(whole.rest_areas, first),
+        whole.rest_area,
+        whole.rest_volume,
+    )
     other = _opposite_faces(whole.faces, opposite)
     own = other == np.arange(len(whole.faces))
     times = np.where(own, 1.0, 2.0 / np.maximum(1, held.astype(int) + held[other]))

@@ -47,9 +47,9 @@ def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
     """Numerics on the next finer lattice that the row shift allows, at half the numerical Re."""
     shift_um = geometry.pitch_um / geometry.periodicity
     _, nodes = whole_shift_spacing(geometry, numerics.spacing_um)
-    return numerics.model_copy(update={
-        "spacing_um": shift_um / (nodes + 1), "reynolds_max": numerics.reynolds_max / 2
-    })
+    return numerics.model_copy(
+        update={"spacing_um": shift_um / (nodes + 1), "reynolds_max": numerics.reynolds_max / 2}
+    )
 
 
 def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLattice:
@@ -64,10 +64,17 @@ def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLatti
     walls = flow.height_um > 0
     height = max(1, round(flow.height_um / spacing))
     lattice = make_pillars(
-        pitch, shift, radius, numerics.rows, numerics.lanes, height, walls=walls,
-        half=walls and numerics.half_scene, bounce_back=numerics.bounce_back,
+        pitch,
+        shift,
+        radius,
+        numerics.rows,
+        numerics.lanes,
+        height,
+        walls=walls,
+        half=walls and numerics.half_scene,
+        bounce_back=numerics.bounce_back,
         precision=numerics.precision,
-    )  # fmt: skip
+    )
     return ArrayLattice(
         spacing, pitch, shift, radius, numerics.rows, numerics.lanes, height, lattice
     )
@@ -87,9 +94,7 @@ def make_pillars(
     precision: str = "float64",
 ) -> Lattice:
     """Lattice of ``rows`` × ``lanes`` pillars, lengths in nodes; ``shift`` 0 is a square array."""
-    x, y = np.meshgrid(
-        np.arange(rows * pitch) + 0.5, np.arange(lanes * pitch) + 0.5, indexing="ij"
-    )
+    x, y = np.meshgrid(np.arange(rows * pitch) + 0.5, np.arange(lanes * pitch) + 0.5, indexing="ij")
     dx, dy = offset_from_pillar(x, y, pitch, shift)
     surface = ON_SURFACE if bounce_back == "interpolated" else 0.0
     solid = dx**2 + dy**2 < (radius + surface) ** 2

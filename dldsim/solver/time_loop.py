@@ -139,10 +139,30 @@ def control_force(velocity, drive, parameters, mean):
 
 @jit
 def advance_no_slip(
-    start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, mirror, stencil, domain, contact, drive, mean, before, blend,
+    start,
+    steps,
+    f,
+    f_new,
+    force,
+    velocity,
+    streaming,
+    parameters,
+    inertia,
+    buf,
+    body,
+    membrane,
+    moduli,
+    scratch,
+    mirror,
+    stencil,
+    domain,
+    contact,
+    drive,
+    mean,
+    before,
+    blend,
     slip,
-):  # fmt: skip
+):
     """An even number of steps, from the even step ``start``, with vertices moving with the fluid
     (Peskin 2002).
 
@@ -194,10 +214,31 @@ def advance_no_slip(
 
 @jit
 def advance_dissipative(
-    start, steps, f, f_new, force, velocity, streaming, parameters, inertia, buf,
-    body, membrane, moduli, scratch, mirror, stencil, domain, contact, drive, mean, before,
-    friction, mass, blend,
-):  # fmt: skip
+    start,
+    steps,
+    f,
+    f_new,
+    force,
+    velocity,
+    streaming,
+    parameters,
+    inertia,
+    buf,
+    body,
+    membrane,
+    moduli,
+    scratch,
+    mirror,
+    stencil,
+    domain,
+    contact,
+    drive,
+    mean,
+    before,
+    friction,
+    mass,
+    blend,
+):
     """An even number of steps, from the even step ``start``, with vertices of given mass dragged by
     the fluid.
 
@@ -441,9 +482,11 @@ class CellInFlow:
         self.radius_um = cell.radius_um
         lattice = fluid.lattice
         self.body = Body(
-            vertices.copy(), *(np.zeros_like(vertices) for _ in range(2)),
-            *(np.zeros((computed, 3)) for _ in range(5)), np.zeros_like(vertices),
-        )  # fmt: skip
+            vertices.copy(),
+            *(np.zeros_like(vertices) for _ in range(2)),
+            *(np.zeros((computed, 3)) for _ in range(5)),
+            np.zeros_like(vertices),
+        )
         self.stencil = make_stencil(computed, numerics.kernel, fluid.dtype)
         self.domain = make_domain(lattice, fluid.dtype)
         # Friction, mass and contact belong to a patch of membrane, whatever the mesh.
@@ -453,10 +496,17 @@ class CellInFlow:
         reach = max(numerics.contact_range_um / spacing, 1e-9)
         core = (strength * n * (n + 1) / CONTACT_STIFFEST) ** (1 / (n + 2))
         no_surface = {
-            "pillars": False, "pitch": 1.0, "row_shift": 0.0, "radius": 0.0,
-            "plates": False, "height": 0.0,
-            "channel": False, "profile": np.zeros((2, 1)), "centre": 0.0, "length": 1.0,
-        }  # fmt: skip
+            "pillars": False,
+            "pitch": 1.0,
+            "row_shift": 0.0,
+            "radius": 0.0,
+            "plates": False,
+            "height": 0.0,
+            "channel": False,
+            "profile": np.zeros((2, 1)),
+            "centre": 0.0,
+            "length": 1.0,
+        }
         self.contact = Contact(
             strength=np.full(len(vertices), strength),
             exponent=CONTACT_EXPONENT,
@@ -466,9 +516,12 @@ class CellInFlow:
         )
         gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
         self.drive = Drive(
-            gain, np.asarray(target, float), lattice.nodes, float(lattice.volume),
+            gain,
+            np.asarray(target, float),
+            lattice.nodes,
+            float(lattice.volume),
             lattice.nz * lattice.split,
-        )  # fmt: skip
+        )
         self._mean = np.zeros(2)
         self._before = np.zeros_like(fluid.f)
         self.friction = units.friction(numerics.friction_nN_s_per_m) * self.density
@@ -528,11 +581,26 @@ class CellInFlow:
         """Advance by an even number of steps."""
         fluid = self.fluid
         state = (
-            fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.lattice.streaming,
-            fluid.parameters, fluid.inertia, fluid.buffer, self.body, self.membrane, self.moduli,
-            self.scratch, self.mirror, self.stencil, self.domain, self.contact, self.drive,
-            self._mean, self._before,
-        )  # fmt: skip
+            fluid.f,
+            fluid.f_new,
+            fluid.force,
+            fluid.velocity,
+            fluid.lattice.streaming,
+            fluid.parameters,
+            fluid.inertia,
+            fluid.buffer,
+            self.body,
+            self.membrane,
+            self.moduli,
+            self.scratch,
+            self.mirror,
+            self.stencil,
+            self.domain,
+            self.contact,
+            self.drive,
+            self._mean,
+            self._before,
+        )
         if self.numerics.coupling == "no-slip":
             advance_no_slip(self.steps, steps, *state, self.blend, self.slip)
         else:

@@ -1,15 +1,6 @@
 """Tables of statistics, sensitivity and regressors."""
 
-from dldsim.tables.column import (
-    GEOMETRY,
-    OUTCOME_ID,
-    count,
-    flag,
-    optional,
-    real,
-    table,
-    text,
-)
+from dldsim.tables.column import GEOMETRY, OUTCOME_ID, count, flag, optional, real, table, text
 
 TABLES = {
     "anova": table(

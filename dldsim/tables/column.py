@@ -104,10 +104,7 @@ LAG = real(
 )
 LEFT_OUT = text("left_out", "what the scene did without")
 NUMERICS = text("numerics", "numerics asked for, JSON; the time step may be shorter")
-STATUS = (
-    text("status", "how the run ended"),
-    text("stop_reason", "why it ended so"),
-)
+STATUS = (text("status", "how the run ended"), text("stop_reason", "why it ended so"))
 COST = optional(
     count("steps", "lattice-Boltzmann steps"),
     real("wall_time_s", "s", "time of the calculation"),

@@ -1,14 +1,6 @@
 """Tables of the search for designs and of their check by simulation."""
 
-from dldsim.tables.column import (
-    GEOMETRY,
-    count,
-    flag,
-    optional,
-    real,
-    table,
-    text,
-)
+from dldsim.tables.column import GEOMETRY, count, flag, optional, real, table, text
 
 REQUESTS = (
     text("request", "name of the design request"),

@@ -2,17 +2,7 @@
 
 import pyarrow as pa
 
-from dldsim.tables.column import (
-    FLOAT,
-    GEOMETRY,
-    Column,
-    count,
-    flag,
-    optional,
-    real,
-    table,
-    text,
-)
+from dldsim.tables.column import FLOAT, GEOMETRY, Column, count, flag, optional, real, table, text
 
 TABLES = {
     "accuracy": table(

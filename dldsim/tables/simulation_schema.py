@@ -158,10 +158,7 @@ TABLES = {
         count("rows_total", "rows passed, all releases together"),
         COST[0],
         COST[1],
-        *optional(
-            real("spacing_um", "µm", "lattice spacing"),
-            LAG,
-        ),
+        *optional(real("spacing_um", "µm", "lattice spacing"), LAG),
         LEFT_OUT,
         NUMERICS,
     ),

@@ -28,12 +28,17 @@ from dldsim.tables.parquet import METADATA_KEY
 from dldsim.tables.registry import COLUMNS
 
 PLAUSIBLE = {
-    "pillar_radius_um": (0.1, 1000), "gap_um": (0.1, 1000), "periodicity": (2, 100),
-    "cell_radius_um": (0.1, 100), "deformation_index": (0, 1), "migration_angle_deg": (-90, 90),
-    "mean_velocity_mm_s": (1e-6, 1e4), "velocity_mm_s": (1e-6, 1e4), "height_um": (0, 1e4),
-    **dict.fromkeys(("ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "kag_uN_per_m", "kv_Pa"),
-                    (0, 1e9)),
-}  # fmt: skip
+    "pillar_radius_um": (0.1, 1000),
+    "gap_um": (0.1, 1000),
+    "periodicity": (2, 100),
+    "cell_radius_um": (0.1, 100),
+    "deformation_index": (0, 1),
+    "migration_angle_deg": (-90, 90),
+    "mean_velocity_mm_s": (1e-6, 1e4),
+    "velocity_mm_s": (1e-6, 1e4),
+    "height_um": (0, 1e4),
+    **dict.fromkeys(("ks_uN_per_m", "kb_pN_um", "kal_uN_per_m", "kag_uN_per_m", "kv_Pa"), (0, 1e9)),
+}
 """Least and largest value that a column can have."""
 WHOLE = ("periodicity",)
 KEYS = ("stiffness_set", "group", "outcome_id", "run_id")
@@ -44,10 +49,14 @@ SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 HEADER_LINES = 20
 """The header is looked for among so many lines."""
 OTHER_FORMATS = {
-    b"PK\x03\x04": "a ZIP archive or an Excel workbook", b"\xd0\xcf\x11\xe0": "an Excel workbook",
-    b"\x1f\x8b": "a gzip archive", b"ARROW1": "an Arrow (Feather) file",
-    b"\x89HDF": "an HDF5 file", b"(\xb5/\xfd": "a Zstandard archive", b"BZh": "a bzip2 archive",
-}  # fmt: skip
+    b"PK\x03\x04": "a ZIP archive or an Excel workbook",
+    b"\xd0\xcf\x11\xe0": "an Excel workbook",
+    b"\x1f\x8b": "a gzip archive",
+    b"ARROW1": "an Arrow (Feather) file",
+    b"\x89HDF": "an HDF5 file",
+    b"(\xb5/\xfd": "a Zstandard archive",
+    b"BZh": "a bzip2 archive",
+}
 _TYPES: dict[str, set] = {}
 for _columns in COLUMNS.values():
     for _column in _columns:
@@ -94,8 +103,9 @@ def _bytes(path: Path) -> bytes:
     except FileNotFoundError as error:
         raise DldsimError(f"{path} does not exist. Check the path.") from error
     except OSError as error:
-        raise DldsimError(f"{path} cannot be read: {error.strerror}. Name a CSV or Parquet file."
-                          ) from error
+        raise DldsimError(
+            f"{path} cannot be read: {error.strerror}. Name a CSV or Parquet file."
+        ) from error
 
 
 # ------------------------------------------------------------------------------------------ values
@@ -136,17 +146,22 @@ def as_numbers(values: pd.Series, where: str) -> pd.Series:
     value, row = values[bad].iloc[0], int(np.flatnonzero(bad)[0])
     more = f", and so in {int(bad.sum()) - 1} more rows" if bad.sum() > 1 else ""
     kind = "true or false" if str(value).lower() in ("true", "false") else "no number"
-    raise DldsimError(f"{where}, column {values.name}, row {row + 1} below the header: "
-                      f"{str(value)[:60]!r} is {kind}{more}. Write numbers alone, in the unit of "
-                      "the column's name, and leave empty what was not measured.")
+    raise DldsimError(
+        f"{where}, column {values.name}, row {row + 1} below the header: "
+        f"{str(value)[:60]!r} is {kind}{more}. Write numbers alone, in the unit of "
+        "the column's name, and leave empty what was not measured."
+    )
 
 
 def _number(value: Any) -> float:
     if isinstance(value, bool | np.bool_):
         return math.nan
     try:
-        return float(value.replace("\N{MINUS SIGN}", "-").replace("_", "x")
-                     if isinstance(value, str) else value)
+        return float(
+            value.replace("\N{MINUS SIGN}", "-").replace("_", "x")
+            if isinstance(value, str)
+            else value
+        )
     except (TypeError, ValueError):
         return math.nan
 
@@ -166,12 +181,21 @@ def need(frame: pd.DataFrame, names: Iterable[str], where: str) -> None:
     for name in missing:
         stem = name.rsplit("_", 1)[0]
         close = [c for c in map(str, frame.columns) if c.startswith(stem)] or (
-            difflib.get_close_matches(name, map(str, frame.columns), n=1, cutoff=0.75))
-        hints += [f"Is {close[0]} meant by {name}? Rename it"
-                  + (" and mind the unit." if close[0].startswith(stem) else ".")] if close else []
+            difflib.get_close_matches(name, map(str, frame.columns), n=1, cutoff=0.75)
+        )
+        hints += (
+            [
+                f"Is {close[0]} meant by {name}? Rename it"
+                + (" and mind the unit." if close[0].startswith(stem) else ".")
+            ]
+            if close
+            else []
+        )
     found = ", ".join(map(str, frame.columns[:20])) + (", …" if len(frame.columns) > 20 else "")
-    raise DldsimError(f"{where}: the table lacks {', '.join(missing)}. Needed columns: "
-                      f"{', '.join(names)}. Found: {found or 'none'}. {' '.join(hints)}".rstrip())
+    raise DldsimError(
+        f"{where}: the table lacks {', '.join(missing)}. Needed columns: "
+        f"{', '.join(names)}. Found: {found or 'none'}. {' '.join(hints)}".rstrip()
+    )
 
 
 def check_plausible(values: pd.Series, where: str) -> None:
@@ -194,11 +218,18 @@ def check_plausible(values: pd.Series, where: str) -> None:
     hint = "Correct the table, or leave out what was not measured."
     if name.endswith("_um"):
         middle = float(known.median())
-        hint = next((f"In {unit} it would be {value * factor:.4g} µm: multiply the column by "
-                     f"{factor:g}." for unit, factor in _LENGTHS.items()
-                     if 1 <= middle * factor <= 200), hint)
-    raise DldsimError(f"{where}, column {name}, row {row} below the header: {value:g}; allowed "
-                      f"{allowed} (rows outside: {int(bad.sum())}). {hint}")
+        hint = next(
+            (
+                f"In {unit} it would be {value * factor:.4g} µm: multiply the column by {factor:g}."
+                for unit, factor in _LENGTHS.items()
+                if 1 <= middle * factor <= 200
+            ),
+            hint,
+        )
+    raise DldsimError(
+        f"{where}, column {name}, row {row} below the header: {value:g}; allowed "
+        f"{allowed} (rows outside: {int(bad.sum())}). {hint}"
+    )
 
 
 def as_columns(kind: str, frame: pd.DataFrame, where: str) -> dict[str, Any]:
@@ -210,12 +241,16 @@ def as_columns(kind: str, frame: pd.DataFrame, where: str) -> dict[str, Any]:
     missing = [n for n in wanted if n not in frame]
     unknown = [str(n) for n in frame if n not in wanted]
     if missing or unknown:
-        faults = [f"missing {', '.join(missing)}" * bool(missing),
-                  f"unknown {', '.join(unknown)}" * bool(unknown)]
+        faults = [
+            f"missing {', '.join(missing)}" * bool(missing),
+            f"unknown {', '.join(unknown)}" * bool(unknown),
+        ]
         likely = max(COLUMNS, key=lambda k: len({c.name for c in COLUMNS[k]} & set(frame.columns)))
         hint = f" Most of its columns are those of a table of kind {likely}." * (likely != kind)
-        raise DldsimError(f"{where}: columns {' and '.join(filter(None, faults))}.{hint} Upload "
-                          f"the table {kind} that a campaign of this version wrote.")
+        raise DldsimError(
+            f"{where}: columns {' and '.join(filter(None, faults))}.{hint} Upload "
+            f"the table {kind} that a campaign of this version wrote."
+        )
     return {name: _as_type(frame[name], column, where) for name, column in wanted.items()}
 
 
@@ -226,23 +261,28 @@ def _as_type(values: pd.Series, column: Column, where: str) -> Any:
         numbers = as_numbers(values, where)
         odd = numbers.notna() & ~(numbers == np.round(numbers))
         if odd.any():
-            raise DldsimError(f"{where}, column {values.name}, row {np.flatnonzero(odd)[0] + 1} "
-                              f"below the header: {numbers[odd].iloc[0]:g} is no whole number.")
+            raise DldsimError(
+                f"{where}, column {values.name}, row {np.flatnonzero(odd)[0] + 1} "
+                f"below the header: {numbers[odd].iloc[0]:g} is no whole number."
+            )
         return numbers.astype("Int64")
     items = [None if _is_null(v) else v for v in values]
     if pa.types.is_boolean(column.type):
         flags = [_FLAGS.get(str(v).lower()) for v in items]
         bad = [v for v, flag in zip(items, flags, strict=True) if v is not None and flag is None]
         if bad:
-            raise DldsimError(f"{where}, column {values.name}: {str(bad[0])[:60]!r} is neither "
-                              "true nor false.")
+            raise DldsimError(
+                f"{where}, column {values.name}: {str(bad[0])[:60]!r} is neither true nor false."
+            )
         return flags
     if pa.types.is_list(column.type):
         try:
             return [json.loads(v) if isinstance(v, str) else v for v in items]
         except ValueError as error:
-            raise DldsimError(f"{where}, column {values.name}: a list is written like [1.5, 2], "
-                              f"not {str(error)[:60]}.") from error
+            raise DldsimError(
+                f"{where}, column {values.name}: a list is written like [1.5, 2], "
+                f"not {str(error)[:60]}."
+            ) from error
     if values.name in KEYS:
         items = as_keys(values).tolist()
     elif not all(isinstance(v, str) or v is None for v in items):
@@ -263,7 +303,7 @@ def _is_null(value: Any) -> bool:
 
 def _csv(content: bytes, where: str) -> UserTable:
     text, notes = _decoded(content, where)
-    lines = text.split("\n", HEADER_LINES + 1)[:HEADER_LINES + 1]
+    lines = text.split("\n", HEADER_LINES + 1)[: HEADER_LINES + 1]
     separator = None
     if lines[0].lower().startswith("sep=") and len(lines[0].strip()) == 5:
         separator, text = lines[0].strip()[4], text.partition("\n")[2]
@@ -284,7 +324,8 @@ def _csv(content: bytes, where: str) -> UserTable:
         raise DldsimError(
             f"{where}: the header has {len(header)} columns, the first row {len(first)} (separated "
             f"by {SEPARATORS.get(separator, repr(separator))}). Make them agree; quote fields that "
-            "hold the separator.")
+            "hold the separator."
+        )
     table = _fields(body, separator, len(header), where)
     table = table.set_axis(_names(header, notes), axis=1)
     return _finished(table, notes, {}, where, separator)
@@ -300,13 +341,17 @@ def _decoded(content: bytes, where: str) -> tuple[str, list[str]]:
         text = content.decode(encoding)
     except UnicodeDecodeError:
         if encoding.startswith("utf-16"):
-            raise DldsimError(f"{where} is neither text nor Parquet, though it begins like "
-                              "UTF-16. Save the table as CSV in UTF-8.") from None
+            raise DldsimError(
+                f"{where} is neither text nor Parquet, though it begins like "
+                "UTF-16. Save the table as CSV in UTF-8."
+            ) from None
         encoding = "cp1252"
         text = content.decode(encoding, errors="replace")
     if "\x00" in text:
-        raise DldsimError(f"{where} is neither text nor Parquet: it holds zero bytes. Save the "
-                          "table as CSV or Parquet.")
+        raise DldsimError(
+            f"{where} is neither text nor Parquet: it holds zero bytes. Save the "
+            "table as CSV or Parquet."
+        )
     plain = encoding in ("utf-8", "utf-8-sig") or text.isascii() and encoding == "cp1252"
     notes = [] if plain else [f"text is encoded as {encoding.upper()}"]
     return text.replace("\r\n", "\n").replace("\r", "\n"), notes
@@ -346,12 +391,16 @@ def _fields(body: str, separator: str, width: int, where: str) -> pd.DataFrame:
     try:
         table = pyarrow.csv.read_csv(
             io.BytesIO(body.encode("utf-8", "replace")),
-            read_options=pyarrow.csv.ReadOptions(column_names=names, use_threads=False,
-                                                 block_size=1 << 24),
-            parse_options=pyarrow.csv.ParseOptions(delimiter=separator, newlines_in_values=True,
-                                                   invalid_row_handler=remember),
+            read_options=pyarrow.csv.ReadOptions(
+                column_names=names, use_threads=False, block_size=1 << 24
+            ),
+            parse_options=pyarrow.csv.ParseOptions(
+                delimiter=separator, newlines_in_values=True, invalid_row_handler=remember
+            ),
             convert_options=pyarrow.csv.ConvertOptions(
-                column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False))
+                column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=False
+            ),
+        )
     except pa.ArrowInvalid as error:
         if faults:
             row = faults[0]
@@ -359,9 +408,12 @@ def _fields(body: str, separator: str, width: int, where: str) -> pd.DataFrame:
             raise DldsimError(
                 f"{where}: {place} has {row.actual_columns} fields, the others "
                 f"{row.expected_columns}: {row.text[:60]!r}. Was the file cut off? Repair that "
-                "row.") from error
-        raise DldsimError(f"{where} is no readable CSV: {' '.join(str(error).split())[:200]}. "
-                          "Save the table again.") from error
+                "row."
+            ) from error
+        raise DldsimError(
+            f"{where} is no readable CSV: {' '.join(str(error).split())[:200]}. "
+            "Save the table again."
+        ) from error
     return table.to_pandas().astype(object)
 
 
@@ -397,9 +449,10 @@ def _parquet(content: bytes, where: str) -> UserTable:
                 column = column.cast(pa.float64())
             columns[i] = column.to_pandas()
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise DldsimError(f"{where} is not a readable Parquet file: "
-                          f"{' '.join(str(error).split())[:200]}. Write the table again."
-                          ) from error
+        raise DldsimError(
+            f"{where} is not a readable Parquet file: "
+            f"{' '.join(str(error).split())[:200]}. Write the table again."
+        ) from error
     version = about.get("physics_version", PHYSICS_VERSION)
     if version != PHYSICS_VERSION:
         raise DldsimError(
@@ -413,16 +466,26 @@ def _parquet(content: bytes, where: str) -> UserTable:
 # ------------------------------------------------------------------------------------- both of them
 
 
-def _finished(frame: pd.DataFrame, notes: list[str], about: Mapping[str, Any], where: str,
-              separator: str | None) -> UserTable:
+def _finished(
+    frame: pd.DataFrame,
+    notes: list[str],
+    about: Mapping[str, Any],
+    where: str,
+    separator: str | None,
+) -> UserTable:
     """Nameless columns and empty rows left out, numbers and keys in their types."""
-    nameless = [not name or bool(re.fullmatch(r"Unnamed: \d+(_level_\d+)?|__index_level_\d+__",
-                                              name)) for name in frame.columns]
+    nameless = [
+        not name or bool(re.fullmatch(r"Unnamed: \d+(_level_\d+)?|__index_level_\d+__", name))
+        for name in frame.columns
+    ]
     if len(frame.columns) and frame.columns[0] not in _TYPES and _are_row_numbers(frame.iloc[:, 0]):
         nameless[0] = True
     if any(nameless):
-        notes.append(f"{sum(nameless)} column without a name (row numbers) left out"
-                     if sum(nameless) == 1 else f"{sum(nameless)} columns without names left out")
+        notes.append(
+            f"{sum(nameless)} column without a name (row numbers) left out"
+            if sum(nameless) == 1
+            else f"{sum(nameless)} columns without names left out"
+        )
         frame = frame.loc[:, [not n for n in nameless]]
     doubled = frame.columns[frame.columns.duplicated()]
     if len(doubled):
@@ -431,8 +494,9 @@ def _finished(frame: pd.DataFrame, notes: list[str], about: Mapping[str, Any], w
     for name in frame.columns:
         values = frame[name]
         if values.dtype == object or pd.api.types.is_string_dtype(values.dtype):
-            values = _cleaned(values.astype(object).where(values.notna(), None),
-                              () if name in _WORDS else MISSING)
+            values = _cleaned(
+                values.astype(object).where(values.notna(), None), () if name in _WORDS else MISSING
+            )
         columns[name] = as_keys(values) if name in KEYS else values
     if separator is not None:
         empty = np.logical_and.reduce([v.isna() for v in columns.values()] or [False])
@@ -464,8 +528,10 @@ def _cleaned(values: pd.Series, missing: Iterable[str]) -> pd.Series:
     if not all(isinstance(v, str) or v is None for v in values):
         return values
     codes, unique = pd.factorize(values, use_na_sentinel=True)
-    clean = [text if text and text.lower() not in missing else None for text in
-             (v.replace("\N{NO-BREAK SPACE}", " ").strip() for v in unique)]
+    clean = [
+        text if text and text.lower() not in missing else None
+        for text in (v.replace("\N{NO-BREAK SPACE}", " ").strip() for v in unique)
+    ]
     return pd.Series(np.array([*clean, None], dtype=object)[codes], values.index, dtype=object)
 
 
@@ -484,18 +550,30 @@ def _all_match(values: pd.Series, pattern: str) -> bool:
     return all(isinstance(v, str) and re.fullmatch(pattern, v) for v in known.unique())
 
 
-def _check_commas(texts: Mapping, parsed: Mapping, commas: list[str], separator: str | None,
-                  where: str) -> None:
+def _check_commas(
+    texts: Mapping, parsed: Mapping, commas: list[str], separator: str | None, where: str
+) -> None:
     """Raise DldsimError if a comma may as well separate thousands."""
-    point = next(((n, v) for n in texts if parsed[n] is not None
-                  for v in texts[n].dropna().unique() if "." in v), None)
+    point = next(
+        (
+            (n, v)
+            for n in texts
+            if parsed[n] is not None
+            for v in texts[n].dropna().unique()
+            if "." in v
+        ),
+        None,
+    )
     comma = next((commas[0], v) for v in texts[commas[0]].dropna().unique() if "," in v)
     sure = separator not in (",", None) or any(
         "," in v and not re.fullmatch(_THOUSANDS, v)
-        for n in commas for v in texts[n].dropna().unique())
+        for n in commas
+        for v in texts[n].dropna().unique()
+    )
     if point or not sure:
         other = f", and {point[1]!r} in {point[0]}" if point else ""
         raise DldsimError(
             f"{where}: {comma[1]!r} in column {comma[0]}{other}. A comma may be a decimal sign or "
             "separate thousands. Write numbers with a decimal point and without thousands "
-            "separators.")
+            "separators."
+        )

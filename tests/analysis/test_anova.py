@@ -18,8 +18,14 @@ def factorial(angle, radii=(6, 8, 10), gaps=(18, 20, 22), rows=(4, 6, 8), sets=D
     """One row per geometry and set; angle(P_r, P_g, N_p, DI) in degrees."""
     return pd.DataFrame(
         [
-            {"pillar_radius_um": r, "gap_um": g, "periodicity": n, "stiffness_set": s,
-             "deformation_index": sets[s], "migration_angle_deg": angle(r, g, n, sets[s])}
+            {
+                "pillar_radius_um": r,
+                "gap_um": g,
+                "periodicity": n,
+                "stiffness_set": s,
+                "deformation_index": sets[s],
+                "migration_angle_deg": angle(r, g, n, sets[s]),
+            }
             for r, g, n, s in product(radii, gaps, rows, sets)
         ]
     )
@@ -28,8 +34,12 @@ def factorial(angle, radii=(6, 8, 10), gaps=(18, 20, 22), rows=(4, 6, 8), sets=D
 def noisy(seed=0, **effects):
     rng = np.random.default_rng(seed)
     return lambda r, g, n, d: (
-        effects.get("r", 0) * r + effects.get("g", 0) * g + effects.get("n", 0) * n
-        + effects.get("d", 0) * d + effects.get("rd", 0) * r * d + effects.get("gn", 0) * g * n
+        effects.get("r", 0) * r
+        + effects.get("g", 0) * g
+        + effects.get("n", 0) * n
+        + effects.get("d", 0) * d
+        + effects.get("rd", 0) * r * d
+        + effects.get("gn", 0) * g * n
         + rng.normal(scale=0.1)
     )
 
@@ -54,8 +64,12 @@ def residual_sum(data, categories, numbers=(), crossed=()):
 
 def test_one_factor_is_one_way_analysis():
     rng = np.random.default_rng(1)
-    frame = factorial(lambda r, g, n, d: r + rng.normal(), gaps=(20,), rows=(6,),
-                      sets=dict.fromkeys("abcdefg", 0.5))
+    frame = factorial(
+        lambda r, g, n, d: r + rng.normal(),
+        gaps=(20,),
+        rows=(6,),
+        sets=dict.fromkeys("abcdefg", 0.5),
+    )
     row = pick(anova(frame), "main_effects", "pillar_radius_um")
     groups = [g["migration_angle_deg"] for _, g in frame.groupby("pillar_radius_um")]
     expected = f_oneway(*groups)
@@ -204,8 +218,16 @@ def test_rows_beyond_the_bound_are_counted(monkeypatch):
     assert "21 of 81 rows left out: at most 60" in pick(table, "main_effects", "rows")["note"]
     assert pick(table, "main_effects", "residual")["df"] == 60 - 8
     monkeypatch.setattr("dldsim.analysis.anova.ROWS_MOST", 170)  # two of each cell stay balanced
-    table = anova(pd.concat([frame.assign(replicate=i, migration_angle_deg=lambda t, i=i:
-                                          t["migration_angle_deg"] + i) for i in range(3)]))
+    table = anova(
+        pd.concat(
+            [
+                frame.assign(
+                    replicate=i, migration_angle_deg=lambda t, i=i: t["migration_angle_deg"] + i
+                )
+                for i in range(3)
+            ]
+        )
+    )
     assert "81 of 243 rows left out: at most 170" in pick(table, "main_effects", "rows")["note"]
     assert pick(table, "main_effects", "pillar_radius_um")["p_permutation"] <= 0.01
 
@@ -220,8 +242,14 @@ def test_rows_that_are_there_twice_are_refused_but_repeats_are_not():
     frame = factorial(noisy(seed=1, r=1))
     with pytest.raises(DldsimError, match="rows 1 and 82 below the header.*replicate"):
         anova(pd.concat([frame, frame[:1]]))
-    again = pd.concat([frame.assign(replicate=i, migration_angle_deg=lambda t, i=i:
-                                    t["migration_angle_deg"] + 0.01 * i) for i in range(3)])
+    again = pd.concat(
+        [
+            frame.assign(
+                replicate=i, migration_angle_deg=lambda t, i=i: t["migration_angle_deg"] + 0.01 * i
+            )
+            for i in range(3)
+        ]
+    )
     table = anova(again)
     note = pick(table, "hierarchical", "residual")["note"]
     assert "162 degrees of freedom" in note and "simulation" not in note
@@ -234,7 +262,8 @@ def test_measured_angles_need_no_stiffness_set():
     table = anova(frame.drop(columns="stiffness_set"))
     same = anova(frame)
     assert pick(table, "hierarchical", "pillar_radius_um").equals(
-        pick(same, "hierarchical", "pillar_radius_um"))
+        pick(same, "hierarchical", "pillar_radius_um")
+    )
     assert "deformation_index" in pick(table, "hierarchical", "stiffness_set")["note"]
 
 
@@ -248,10 +277,15 @@ def test_f_and_p_depend_on_no_unit(factor):
     pd.testing.assert_frame_equal(one.reset_index(drop=True), other.reset_index(drop=True))
 
 
-@pytest.mark.parametrize(("angle", "word"), [
-    (lambda f: -f, "against the row shift"), (lambda f: np.radians(f), "radians"),
-    (lambda f: 3 * f, "no array moves cells so far"), (lambda f: f, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("angle", "word"),
+    [
+        (lambda f: -f, "against the row shift"),
+        (lambda f: np.radians(f), "radians"),
+        (lambda f: 3 * f, "no array moves cells so far"),
+        (lambda f: f, None),
+    ],
+)
 def test_a_doubtful_unit_is_said(angle, word):
     draw = np.random.default_rng(2)
     frame = factorial(lambda r, g, n, d: np.degrees(np.arctan(1 / n)) * draw.choice([0.02, 1]))
@@ -301,23 +335,47 @@ def test_unusable_tables_are_refused(spoil, words):
 def test_omega_and_eta_by_hand():
     """One factor, balanced: ω² = (SS − df MSE) / (SS + (N − df) MSE)."""
     frame = factorial(noisy(seed=3, r=0.05), gaps=(20,), rows=(4,), sets={"1": 0.5})
-    frame = pd.concat([frame.assign(stiffness_set=str(i), migration_angle_deg=lambda t, i=i:
-                       t["migration_angle_deg"] + 0.1 * (i % 3) * (-1) ** i) for i in range(7)])
+    frame = pd.concat(
+        [
+            frame.assign(
+                stiffness_set=str(i),
+                migration_angle_deg=lambda t, i=i: (
+                    t["migration_angle_deg"] + 0.1 * (i % 3) * (-1) ** i
+                ),
+            )
+            for i in range(7)
+        ]
+    )
     row, rest = (pick(anova(frame), "main_effects", t) for t in ("pillar_radius_um", "residual"))
     error = rest["sum_sq"] / rest["df"]
     assert row["partial_omega_sq"] == pytest.approx(
-        (row["sum_sq"] - 2 * error) / (row["sum_sq"] + (21 - 2) * error))
+        (row["sum_sq"] - 2 * error) / (row["sum_sq"] + (21 - 2) * error)
+    )
     assert row["partial_omega_sq"] < row["partial_eta_sq"]
 
 
 def test_robust_p_is_the_wald_test_with_hc3():
     """Two levels, one degree of freedom: (b/se)² with se from the sandwich written out."""
     frame = factorial(noisy(seed=5, r=0.1, n=0.2), radii=(6, 8), gaps=(20,), sets={"1": 0.5})
-    frame = pd.concat([frame, frame.assign(stiffness_set="2", migration_angle_deg=lambda t:
-                       t["migration_angle_deg"] + np.linspace(-1, 1, len(t)) ** 3)])
+    frame = pd.concat(
+        [
+            frame,
+            frame.assign(
+                stiffness_set="2",
+                migration_angle_deg=lambda t: (
+                    t["migration_angle_deg"] + np.linspace(-1, 1, len(t)) ** 3
+                ),
+            ),
+        ]
+    )
     row = pick(anova(frame), "main_effects", "pillar_radius_um")
-    x = np.column_stack([np.ones(len(frame)), frame["pillar_radius_um"] == 8,
-                         pd.get_dummies(frame["periodicity"]).to_numpy(float)[:, 1:]]).astype(float)
+    x = np.column_stack(
+        [
+            np.ones(len(frame)),
+            frame["pillar_radius_um"] == 8,
+            pd.get_dummies(frame["periodicity"]).to_numpy(float)[:, 1:],
+        ]
+    ).astype(float)
     y = frame["migration_angle_deg"].to_numpy()
     bread = np.linalg.inv(x.T @ x)
     beta = bread @ x.T @ y
@@ -333,8 +391,12 @@ def test_permutation_knows_that_rows_of_a_geometry_are_not_independent():
     draw = np.random.default_rng(11)
     offset = {key: draw.normal() for key in product((6, 8, 10), (18, 20), (4, 6))}
     sets = {str(i): 0.5 + 0.01 * i for i in range(12)}
-    frame = factorial(lambda r, g, n, d: offset[r, g, n] + 0.01 * draw.normal(), gaps=(18, 20),
-                      rows=(4, 6), sets=sets)
+    frame = factorial(
+        lambda r, g, n, d: offset[r, g, n] + 0.01 * draw.normal(),
+        gaps=(18, 20),
+        rows=(4, 6),
+        sets=sets,
+    )
     table, tests = analyse(frame)
     row = pick(table, "main_effects", "pillar_radius_um")
     assert row["p_value"] < 1e-3 and row["p_permutation"] > 0.05
@@ -346,8 +408,9 @@ def test_permutation_finds_what_is_there():
     table = anova(factorial(noisy(seed=3, r=0.5, n=-0.3, d=3, rd=0.4)))
     for term in ("pillar_radius_um", "periodicity", "deformation_index"):
         assert pick(table, "main_effects", term)["p_permutation"] <= 0.005
-    assert pick(table, "hierarchical", "deformation_index:pillar_radius_um")[
-        "p_permutation"] <= 0.005
+    assert (
+        pick(table, "hierarchical", "deformation_index:pillar_radius_um")["p_permutation"] <= 0.005
+    )
     assert pick(table, "hierarchical", "gap_um:periodicity")["p_permutation"] > 0.01
 
 
@@ -379,25 +442,35 @@ def test_repeats_that_agree_leave_p_as_it_is():
     one = anova(full)
     three = anova(pd.concat([full.assign(replicate=i) for i in range(3)]))
     for model in ("main_effects", "hierarchical"):
-        p = [t[(t["model"] == model)].dropna(subset=["p_permutation"])["p_permutation"].tolist()
-             for t in (one, three)]
+        p = [
+            t[(t["model"] == model)].dropna(subset=["p_permutation"])["p_permutation"].tolist()
+            for t in (one, three)
+        ]
         assert p[0] == p[1] and len(set(p[0])) > 2
 
 
 def test_repeats_are_permuted_with_their_cell():
     draw = np.random.default_rng(5)
     full = factorial(noisy(seed=3, r=0.5, d=3))
-    repeated = pd.concat([full.assign(migration_angle_deg=full["migration_angle_deg"]
-                                      + 0.01 * draw.normal(size=81)) for _ in range(3)])
+    repeated = pd.concat(
+        [
+            full.assign(
+                migration_angle_deg=full["migration_angle_deg"] + 0.01 * draw.normal(size=81)
+            )
+            for _ in range(3)
+        ]
+    )
     table = anova(repeated)
     for term in ("pillar_radius_um", "deformation_index"):
         assert pick(table, "main_effects", term)["p_permutation"] == 0.001
     assert pick(table, "main_effects", "gap_um")["p_permutation"] == pytest.approx(
-        pick(anova(full), "main_effects", "gap_um")["p_permutation"], abs=0.05)
+        pick(anova(full), "main_effects", "gap_um")["p_permutation"], abs=0.05
+    )
 
 
 def test_diagnostics_tell_modes_from_noise():
     """Normal noise passes; two modes fail; unequal variance fails."""
+
     def of(angle, test):
         tests = analyse(factorial(angle))[1].set_index(["model", "test"])
         return tests.loc[("main_effects", test)]

@@ -17,10 +17,18 @@ def constriction_runs(centres=(0.5, 0.6, 0.7), offsets=(-0.02, 0.0, 0.02)):
     """Groups G1, G2, … with k_s 5, 10, …, DI = centre + offset."""
     return pd.DataFrame(
         [
-            {"design": "group-velocity", "group": f"G{i}", "stiffness_set": str(i) if i < 3 else "",
-             "ks_uN_per_m": 5.0 * i, "kb_pN_um": 0.04 * i**2, "kal_uN_per_m": 10.0 * i,
-             "velocity_mm_s": 1.0 + 0.5 * i, "deformation_index": centre + offset}
-            for i, centre in enumerate(centres, 1) for offset in offsets
+            {
+                "design": "group-velocity",
+                "group": f"G{i}",
+                "stiffness_set": str(i) if i < 3 else "",
+                "ks_uN_per_m": 5.0 * i,
+                "kb_pN_um": 0.04 * i**2,
+                "kal_uN_per_m": 10.0 * i,
+                "velocity_mm_s": 1.0 + 0.5 * i,
+                "deformation_index": centre + offset,
+            }
+            for i, centre in enumerate(centres, 1)
+            for offset in offsets
         ]
     )
 
@@ -42,7 +50,8 @@ def test_designs_stand_side_by_side():
     """At one velocity the index falls, at the groups' own it rises: neither hides the other."""
     own = constriction_runs()
     fixed = constriction_runs((0.7, 0.6, 0.5)).assign(
-        design="fixed-velocity", stiffness_set="", velocity_mm_s=2.0)
+        design="fixed-velocity", stiffness_set="", velocity_mm_s=2.0
+    )
     both = pd.concat([fixed, own], ignore_index=True)
     table = calibrate(both)
     assert table["design"].tolist() == ["group-velocity"] * 3 + ["fixed-velocity"] * 3
@@ -53,7 +62,8 @@ def test_designs_stand_side_by_side():
     assert np.isnan(r["fixed-velocity", "deformation_index", "velocity_mm_s"])
     runs = pd.DataFrame({"stiffness_set": ["1", "2"]})
     assert join_deformation_index(runs, table)["deformation_index"].tolist() == pytest.approx(
-        [0.5, 0.6])
+        [0.5, 0.6]
+    )
     assert stiffness_for(0.65, table)["ks_uN_per_m"] == pytest.approx(12.5)
     assert stiffness_for(0.65, table, design="fixed-velocity")["ks_uN_per_m"] == pytest.approx(7.5)
     with pytest.raises(DldsimError, match="no design 'other'"):
@@ -82,8 +92,14 @@ def test_correlations_know_a_straight_line_and_a_constant():
 
 def test_join_takes_the_index_of_the_set():
     calibration = calibrate(constriction_runs())
-    runs = pd.DataFrame({"run_id": list("abc"), "stiffness_set": ["2", "1", "2"],
-                         "deformation_index": None, "deformation_index_std": None})
+    runs = pd.DataFrame(
+        {
+            "run_id": list("abc"),
+            "stiffness_set": ["2", "1", "2"],
+            "deformation_index": None,
+            "deformation_index_std": None,
+        }
+    )
     joined = join_deformation_index(runs, calibration)
     assert joined["deformation_index"].tolist() == pytest.approx([0.6, 0.5, 0.6])
     assert joined["run_id"].tolist() == list("abc")
@@ -110,10 +126,15 @@ def test_join_refuses_what_has_no_set():
             join_deformation_index(pd.DataFrame({"stiffness_set": ["1", nothing]}), calibration)
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"deformation_index": 7.0}, "0 to 1"), ({"ks_uN_per_m": -1.0}, "-1"),
-    ({"ks_uN_per_m": "5 uN"}, "no number"), ({"velocity_mm_s": True}, "true or false"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"deformation_index": 7.0}, "0 to 1"),
+        ({"ks_uN_per_m": -1.0}, "-1"),
+        ({"ks_uN_per_m": "5 uN"}, "no number"),
+        ({"velocity_mm_s": True}, "true or false"),
+    ],
+)
 def test_inverse_refuses_a_table_of_nonsense(change, words):
     with pytest.raises(DldsimError, match=words):
         stiffness_for(0.55, calibrate(constriction_runs()).assign(**change))

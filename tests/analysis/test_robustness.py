@@ -41,8 +41,16 @@ def test_tied_gap_and_radius_move_together():
 def test_geometry_without_neighbour_has_no_score():
     frame = factorial(noisy(r=1), radii=(6, 8), gaps=(18, 20), rows=(4, 6))
     alone = pd.DataFrame(
-        [{"pillar_radius_um": 30, "gap_um": 50, "periodicity": 9, "stiffness_set": "1",
-          "deformation_index": 0.5, "migration_angle_deg": 1.0}]
+        [
+            {
+                "pillar_radius_um": 30,
+                "gap_um": 50,
+                "periodicity": 9,
+                "stiffness_set": "1",
+                "deformation_index": 0.5,
+                "migration_angle_deg": 1.0,
+            }
+        ]
     )
     row = robustness(pd.concat([frame, alone])).iloc[-1]
     assert row["neighbours"] == 0 and np.isnan(row["robustness_score_deg2"]) and not row["robust"]
@@ -70,9 +78,15 @@ def test_robustness_needs_angles():
 
 
 def test_most_frequent_values_of_the_stable_arrays():
-    table = pd.DataFrame({
-        "pillar_radius_um": [6, 6, 8, 8], "gap_um": 20.0, "periodicity": [4, 5, 4, 5],
-        "robustness_score_deg2": [1.0, 2.0, 3.0, np.nan], "robust": [True, True, False, False]})
+    table = pd.DataFrame(
+        {
+            "pillar_radius_um": [6, 6, 8, 8],
+            "gap_um": 20.0,
+            "periodicity": [4, 5, 4, 5],
+            "robustness_score_deg2": [1.0, 2.0, 3.0, np.nan],
+            "robust": [True, True, False, False],
+        }
+    )
     found = most_frequent(table).set_index(["parameter", "value"])
     assert found.loc[("pillar_radius_um", 6.0), "count"] == 2
     assert found.loc[("pillar_radius_um", 6.0), "expected"] == pytest.approx(4 / 3)

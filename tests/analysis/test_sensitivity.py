@@ -50,11 +50,15 @@ def test_tied_parameters_are_one_factor():
     asked = []
     law = Law(lambda r, g, n, d: asked.append(np.abs(g - r - 10).max()) or 0.01 * g)
     table = sensitivity.sobol(law, outcomes, seed=1)
-    assert table["factor"].tolist() == ["pillar_radius_um & gap_um", "periodicity",
-                                        "deformation_index"]
+    assert table["factor"].tolist() == [
+        "pillar_radius_um & gap_um",
+        "periodicity",
+        "deformation_index",
+    ]
     maps = sensitivity.partial_dependence(law, outcomes)
-    assert ("pillar_radius_um", "gap_um") not in set(zip(maps["x_name"], maps["y_name"],
-                                                         strict=True))
+    assert ("pillar_radius_um", "gap_um") not in set(
+        zip(maps["x_name"], maps["y_name"], strict=True)
+    )
     assert max(asked) < 1e-9
 
 
@@ -91,8 +95,11 @@ def test_fabrication_keeps_the_pitch_and_counts_by_hand():
 def test_all_tables_of_a_fitted_surrogate():
     outcomes = make_outcomes(radii=(5.0, 10.0), indices=(0.5, 0.78)).assign(mode="bump")
     tables = sensitivity.examine(
-        surrogate.fit(outcomes, seed=1), outcomes,
-        {"radius_errors_um": [0.5], "moved_deg": 0.5}, seed=1)
+        surrogate.fit(outcomes, seed=1),
+        outcomes,
+        {"radius_errors_um": [0.5], "moved_deg": 0.5},
+        seed=1,
+    )
     assert tables["sobol"].set_index("factor")["first_order"].idxmax() in ("gap_um", "periodicity")
     assert tables["sobol"]["inside_share"].iloc[0] == 1
     assert tables["fabrication"]["inside_share"].between(0, 1).all()
@@ -101,8 +108,14 @@ def test_all_tables_of_a_fitted_surrogate():
     assert edge.mean() < 0.75
 
 
-NEEDED = ["pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "deformation_index",
-          "migration_angle_deg"]
+NEEDED = [
+    "pillar_radius_um",
+    "gap_um",
+    "periodicity",
+    "stiffness_set",
+    "deformation_index",
+    "migration_angle_deg",
+]
 
 
 @pytest.fixture(scope="module")
@@ -125,17 +138,25 @@ def learnt(monkeypatch):
     return of
 
 
-@pytest.mark.parametrize(("change", "note"), [
-    (lambda f: f.assign(migration_angle_deg=-f["migration_angle_deg"]), "turned"),
-    (lambda f: f.assign(migration_angle_deg=np.radians(f["migration_angle_deg"])), None),
-    (lambda f: f.assign(migration_angle_deg=-0.37 * f["migration_angle_deg"]), "turned"),
-    (lambda f: f.assign(pillar_radius_um=2 * f["pillar_radius_um"], gap_um=2 * f["gap_um"]), None),
-    (lambda f: f.drop(columns="stiffness_set"), "stiffness_set"),
-    (lambda f: f.astype({"periodicity": str}).astype({"periodicity": "category"}), None),
-    (lambda f: pd.concat([f, f.assign(migration_angle_deg=np.nan, stiffness_set="x")[:3]]),
-     "3 of 39 rows left out: no migration_angle_deg"),
-    (lambda f: pd.concat([f.assign(replicate=i) for i in (1, 2)]), "are repeats of 36"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "note"),
+    [
+        (lambda f: f.assign(migration_angle_deg=-f["migration_angle_deg"]), "turned"),
+        (lambda f: f.assign(migration_angle_deg=np.radians(f["migration_angle_deg"])), None),
+        (lambda f: f.assign(migration_angle_deg=-0.37 * f["migration_angle_deg"]), "turned"),
+        (
+            lambda f: f.assign(pillar_radius_um=2 * f["pillar_radius_um"], gap_um=2 * f["gap_um"]),
+            None,
+        ),
+        (lambda f: f.drop(columns="stiffness_set"), "stiffness_set"),
+        (lambda f: f.astype({"periodicity": str}).astype({"periodicity": "category"}), None),
+        (
+            lambda f: pd.concat([f, f.assign(migration_angle_deg=np.nan, stiffness_set="x")[:3]]),
+            "3 of 39 rows left out: no migration_angle_deg",
+        ),
+        (lambda f: pd.concat([f.assign(replicate=i) for i in (1, 2)]), "are repeats of 36"),
+    ],
+)
 def test_what_is_learnt_of_a_table_depends_on_no_unit_sign_or_type(anybodys, learnt, change, note):
     expected, none = learnt(anybodys)
     found, notes = learnt(change(anybodys))
@@ -151,11 +172,14 @@ def test_indices_of_a_table_depend_on_no_sign_or_radius(anybodys):
     pd.testing.assert_frame_equal(plain, other, rtol=1e-2, atol=1e-2)
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    (lambda f: f.assign(cell_radius_um="7.5 um"), ["cell_radius_um", "'7.5 um' is no number"]),
-    (lambda f: f.assign(cell_radius_um=7.5e-6), ["cell_radius_um", "In m it would be 7.5 µm"]),
-    (lambda f: f.assign(height_um=np.arange(len(f)) % 2), ["differ in height_um"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: f.assign(cell_radius_um="7.5 um"), ["cell_radius_um", "'7.5 um' is no number"]),
+        (lambda f: f.assign(cell_radius_um=7.5e-6), ["cell_radius_um", "In m it would be 7.5 µm"]),
+        (lambda f: f.assign(height_um=np.arange(len(f)) % 2), ["differ in height_um"]),
+    ],
+)
 def test_tables_that_no_surrogate_can_learn_are_refused(anybodys, change, words):
     with pytest.raises(DldsimError) as error:
         sensitivity.sobol_of_table(change(anybodys), seed=2)

@@ -8,14 +8,7 @@ import pandas as pd
 import pytest
 
 from dldsim.analysis import regressors, surrogate
-from dldsim.analysis.regressors import (
-    BASELINE,
-    CURVE,
-    FEATURES,
-    INPUTS,
-    REPEATS,
-    SURROGATE,
-)
+from dldsim.analysis.regressors import BASELINE, CURVE, FEATURES, INPUTS, REPEATS, SURROGATE
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
 
@@ -26,14 +19,28 @@ def bump_or_zigzag(r, g, n, d):
     return np.degrees(np.arctan(1 / n)) / (1 + np.exp(-excess / 0.8))
 
 
-def make_outcomes(angle=bump_or_zigzag, radii=(5.0, 7.5, 10.0), gaps=(14.0, 18.0, 22.0),
-              rows=(4, 6, 10), indices=(0.5, 0.65, 0.78)):
+def make_outcomes(
+    angle=bump_or_zigzag,
+    radii=(5.0, 7.5, 10.0),
+    gaps=(14.0, 18.0, 22.0),
+    rows=(4, 6, 10),
+    indices=(0.5, 0.65, 0.78),
+):
     return pd.DataFrame(
         [
-            {"outcome_id": f"r{r:04.1f}_g{g:04.1f}_n{n:02d}_s{s}", "pillar_radius_um": r,
-             "gap_um": g, "periodicity": n, "stiffness_set": str(s), "deformation_index": d,
-             "cell_radius_um": 7.5, "cell_shape": "biconcave", "height_um": 20.0,
-             "migration_angle_deg": angle(r, g, n, d), "status": "decided"}
+            {
+                "outcome_id": f"r{r:04.1f}_g{g:04.1f}_n{n:02d}_s{s}",
+                "pillar_radius_um": r,
+                "gap_um": g,
+                "periodicity": n,
+                "stiffness_set": str(s),
+                "deformation_index": d,
+                "cell_radius_um": 7.5,
+                "cell_shape": "biconcave",
+                "height_um": 20.0,
+                "migration_angle_deg": angle(r, g, n, d),
+                "status": "decided",
+            }
             for r, g, n, (s, d) in product(radii, gaps, rows, enumerate(indices, 1))
         ]
     )
@@ -71,8 +78,10 @@ def test_every_row_is_held_out_once_a_repeat(benchmarked):
     counts = predictions.groupby(["split", "model", "outcome_id"]).size().groupby("split")
     assert counts.size().to_dict() == dict.fromkeys(regressors.SPLITS, 5 * 81)
     assert counts.agg(["min", "max"]).T.to_dict() == {
-        "random": {"min": REPEATS, "max": REPEATS}, "geometry": {"min": REPEATS, "max": REPEATS},
-        "stiffness": {"min": 1, "max": 1}}
+        "random": {"min": REPEATS, "max": REPEATS},
+        "geometry": {"min": REPEATS, "max": REPEATS},
+        "stiffness": {"min": 1, "max": 1},
+    }
 
 
 def test_split_by_stiffness_keeps_sets_whole(benchmarked):
@@ -85,7 +94,8 @@ def test_split_by_stiffness_keeps_sets_whole(benchmarked):
 def test_split_by_geometry_keeps_arrays_whole(benchmarked):
     scores, predictions = benchmarked
     one = predictions[(predictions["model"] == "linear")].assign(
-        geometry=lambda t: t["outcome_id"].str.rsplit("_s").str[0])
+        geometry=lambda t: t["outcome_id"].str.rsplit("_s").str[0]
+    )
     together = one.groupby(["split", "geometry"])["fold"].nunique()
     assert (together["geometry"] == REPEATS).all()
     assert together["random"].max() > REPEATS
@@ -134,13 +144,15 @@ def test_nested_search_never_sees_the_test_rows():
 def test_random_split_flatters_what_only_remembers():
     """Angles drawn per array, nothing to learn from geometry: only leakage can score."""
     draw = np.random.default_rng(0)
-    angle = {key: draw.normal() for key in product((5.0, 7.5, 10.0), (14.0, 18.0, 22.0),
-                                                   (4, 6, 10))}
+    angle = {
+        key: draw.normal() for key in product((5.0, 7.5, 10.0), (14.0, 18.0, 22.0), (4, 6, 10))
+    }
     outcomes = make_outcomes(lambda r, g, n, d: angle[r, g, n])
     forest = {"forest": regressors.make_regressors(1)["random forest"]}
     error = {
-        split: np.mean([fold["rmse_deg"] for fold in
-                        regressors.cross_validate(outcomes, forest, split, 1)[0]])
+        split: np.mean(
+            [fold["rmse_deg"] for fold in regressors.cross_validate(outcomes, forest, split, 1)[0]]
+        )
         for split in ("random", "geometry")
     }
     assert 2 * error["random"] < error["geometry"]
@@ -243,8 +255,10 @@ def test_measured_coverage_is_near_its_level(fitted):
 def test_inside_domain_is_the_distance(fitted):
     rng = np.random.default_rng(6)
     r, g, n = rng.uniform(4, 11, 60), rng.uniform(13, 23, 60), rng.integers(3, 12, 60)
-    exact = [fitted.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
-             for p in zip(r, g, n, strict=True)]
+    exact = [
+        fitted.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
+        for p in zip(r, g, n, strict=True)
+    ]
     assert fitted.inside_domain(r, g, n, 0.6, 7.5).tolist() == exact
     assert 0 < sum(exact) < 60
 
@@ -281,6 +295,7 @@ def edit(change):
         content = json.loads(card.read_text())
         change(content)
         card.write_text(json.dumps(content))
+
     return spoil
 
 
@@ -371,8 +386,10 @@ def test_tiny_table_gives_the_same_numbers_in_any_order(monkeypatch):
     keys = ["model", "split", "repeat", "fold", "rmse_deg", "r2"]
     monkeypatch.setattr(regressors, "REPEATS", 1)
     names = ["linear", CURVE]
-    a, b = (regressors.benchmark(t, seed=1, names=names)[0]
-            for t in (outcomes, outcomes.sample(frac=1, random_state=5)))
+    a, b = (
+        regressors.benchmark(t, seed=1, names=names)[0]
+        for t in (outcomes, outcomes.sample(frac=1, random_state=5))
+    )
     pd.testing.assert_frame_equal(a[keys], b[keys])
     assert np.isfinite(a["rmse_deg"]).all()
 
@@ -419,6 +436,8 @@ def test_quick_look_at_the_domain_never_refuses_what_is_inside(fitted):
     for model in (fitted, surrogate.fit(plane, seed=1)):
         g = np.where(np.arange(60) % 2, g, r + 10)
         may = model.may_be_inside(r, g, n, 7.5)
-        inside = [model.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
-                  for p in zip(r, g, n, strict=True)]
+        inside = [
+            model.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
+            for p in zip(r, g, n, strict=True)
+        ]
         assert not (np.array(inside) & ~may).any() and 0 < may.sum() < 60

@@ -34,25 +34,38 @@ def outcome(angle=BUMP, distance=0.3, **changes):
     """A row of `outcomes` as far as σ_num reads it; bumping, and far from the transition."""
     bumps = angle is not None and angle > 0.9 * BUMP
     return {
-        "outcome_id": "r08.0_g17.0_n10_s1", "pillar_radius_um": 8.0, "gap_um": 17.0,
-        "periodicity": 10, "stiffness_set": "1", "cell_shape": "biconcave", "cell_radius_um": 7.5,
-        "height_um": 20.0, "mean_velocity_mm_s": 0.5, "numerics": NUMERICS, "spacing_um": 1.2,
-        "status": "decided", "mode": "bump" if bumps else "mixed" if angle else "none",
-        "migration_angle_deg": angle, "angle_low_deg": angle, "angle_high_deg": angle,
-        "bump_angle_deg": BUMP, "transition_distance": distance,
-    } | changes  # fmt: skip
+        "outcome_id": "r08.0_g17.0_n10_s1",
+        "pillar_radius_um": 8.0,
+        "gap_um": 17.0,
+        "periodicity": 10,
+        "stiffness_set": "1",
+        "cell_shape": "biconcave",
+        "cell_radius_um": 7.5,
+        "height_um": 20.0,
+        "mean_velocity_mm_s": 0.5,
+        "numerics": NUMERICS,
+        "spacing_um": 1.2,
+        "status": "decided",
+        "mode": "bump" if bumps else "mixed" if angle else "none",
+        "migration_angle_deg": angle,
+        "angle_low_deg": angle,
+        "angle_high_deg": angle,
+        "bump_angle_deg": BUMP,
+        "transition_distance": distance,
+    } | changes
 
 
 def model(**changes):
     """Of σ_d = 0.1 and c = 0.02."""
     return {
-        "kind": uncertainty.KIND, "physics_version": PHYSICS_VERSION,
+        "kind": uncertainty.KIND,
+        "physics_version": PHYSICS_VERSION,
         "distance": dict.fromkeys(uncertainty.SIDES, {"pairs": 20, "value": SIGMA_D}),
         "share": {"pairs": 18, "value": SHARE},
         "numerics": json.loads(NUMERICS),
         "conditions": {"cell_shape": "biconcave", "cell_radius_um": 7.5},
         "ranges": {"pillar_radius_um": [5.0, 9.0], "gap_um": [12.0, 20.0], "periodicity": [4, 12]},
-    } | changes  # fmt: skip
+    } | changes
 
 
 def sigma(*args, **changes):
@@ -95,8 +108,7 @@ def test_sigma_spans_the_modes_at_the_transition():
 
 
 @pytest.mark.parametrize(
-    ("changes", "word"),
-    [({"distance": None}, "unknown"), ({"distance": -0.4}, "contradicts")],
+    ("changes", "word"), [({"distance": None}, "unknown"), ({"distance": -0.4}, "contradicts")]
 )
 def test_an_open_mode_spans_the_modes(changes, word):
     found, basis = numerical_uncertainty(outcome(**changes), model())
@@ -142,20 +154,24 @@ def test_the_fit_separates_distance_and_share():
     fitted = fit_model(pairs)
     sides = fitted["distance"]
     for found, errors in (
-        (sides["bump lane"], [0.05, 0.15]), (sides["no bump lane"], [0.15, 0.0]),
+        (sides["bump lane"], [0.05, 0.15]),
+        (sides["no bump lane"], [0.15, 0.0]),
         (fitted["share"], [0.2 / BUMP, 0.2 / BUMP, 0.0]),
-    ):  # fmt: skip
+    ):
         assert found["pairs"] == len(errors)
         assert found["rms"] == pytest.approx(math.sqrt(np.mean(np.square(errors))))
         assert found["value"] == pytest.approx(
-            found["rms"] * uncertainty.confidence_factor(len(errors)))
+            found["rms"] * uncertainty.confidence_factor(len(errors))
+        )
     assert fitted["spacing_ratio"] == [2.0, 2.0]
     assert fitted["numerics"] == json.loads(NUMERICS) and len(fitted["pairs"]) == 6
     json.dumps(fitted, allow_nan=False)
 
 
-@pytest.mark.parametrize("pairs", [[], [(outcome(), outcome(spacing_um=0.6)),
-                                        (outcome(numerics="{}"), outcome(spacing_um=0.6))]])
+@pytest.mark.parametrize(
+    "pairs",
+    [[], [(outcome(), outcome(spacing_um=0.6)), (outcome(numerics="{}"), outcome(spacing_um=0.6))]],
+)
 def test_pairs_of_different_numerics_or_none_are_refused(pairs):
     with pytest.raises(DldsimError, match="different numerics"):
         fit_model(pairs)
@@ -173,8 +189,14 @@ def ensemble(seed, count=400):
     def made(distance, gap, spacing):
         share = 1 if distance > 0 else 0.3 / (1 - 2 * distance)
         angle = BUMP * (share + 0.01 * random.standard_normal())
-        return outcome(angle, distance, mode="bump" if distance > 0 else "mixed", gap_um=gap,
-                       spacing_um=spacing, outcome_id=f"g{gap}")
+        return outcome(
+            angle,
+            distance,
+            mode="bump" if distance > 0 else "mixed",
+            gap_um=gap,
+            spacing_um=spacing,
+            outcome_id=f"g{gap}",
+        )
 
     result = []
     for i in range(count):
@@ -215,6 +237,7 @@ def test_small_where_nothing_can_happen():
 
 def test_no_pair_is_judged_by_a_model_that_saw_its_array():
     """One array is wrong by half a degree within its mode: its own error is not in its σ."""
+
     def finer(angle):
         return outcome(angle, 0.25, spacing_um=0.6)
 
@@ -231,11 +254,17 @@ def test_no_pair_is_judged_by_a_model_that_saw_its_array():
 
 @pytest.mark.parametrize(
     ("row", "other", "word"),
-    [(outcome(None), {}, "no angle"), (outcome(), None, "no reference is installed"),
-     (outcome(), {"physics_version": 3}, "physics version 3"),
-     (outcome(numerics=json.dumps({"spacing_um": 2.0, "kernel": "compact"})), {},
-      r"spacing_um = 2.0 \(studied 1.25\)"),
-     (outcome(), {"share": {"pairs": 0, "value": None}}, "too few pairs")],
+    [
+        (outcome(None), {}, "no angle"),
+        (outcome(), None, "no reference is installed"),
+        (outcome(), {"physics_version": 3}, "physics version 3"),
+        (
+            outcome(numerics=json.dumps({"spacing_um": 2.0, "kernel": "compact"})),
+            {},
+            r"spacing_um = 2.0 \(studied 1.25\)",
+        ),
+        (outcome(), {"share": {"pairs": 0, "value": None}}, "too few pairs"),
+    ],
 )
 def test_no_sigma_without_a_study(row, other, word):
     import re
@@ -271,9 +300,11 @@ def test_rows_of_the_check_have_the_columns_of_their_table():
 
 
 def test_the_sentence_names_who_disagrees():
-    rows = [check_row(outcome(), outcome(BUMP - 0.01, 0.3), model()),
-            check_row(outcome(outcome_id="odd"), outcome(1.0, -0.3), model()),
-            check_row(outcome(), outcome(None), model())]
+    rows = [
+        check_row(outcome(), outcome(BUMP - 0.01, 0.3), model()),
+        check_row(outcome(outcome_id="odd"), outcome(1.0, -0.3), model()),
+        check_row(outcome(), outcome(None), model()),
+    ]
     sentence = uncertainty.closing_sentence(rows)
     assert sentence.startswith("1 of 2 pairs are within 2 σ_num of the reference; 90% must be.")
     assert "odd (" in sentence and "Of 1 it cannot be told." in sentence
@@ -285,10 +316,12 @@ def test_a_settled_run_has_the_uncertainty_of_a_decided_outcome(status):
 
 
 def test_the_figure_draws():
-    rows = [check_row(outcome(), outcome(BUMP - 0.01), model()),
-            check_row(outcome(), outcome(1.0, -0.3), model()),
-            check_row(outcome(1.0, -0.3), outcome(1.0, -0.3), model()),
-            check_row(outcome(None), outcome(), model())]
+    rows = [
+        check_row(outcome(), outcome(BUMP - 0.01), model()),
+        check_row(outcome(), outcome(1.0, -0.3), model()),
+        check_row(outcome(1.0, -0.3), outcome(1.0, -0.3), model()),
+        check_row(outcome(None), outcome(), model()),
+    ]
     figure = accuracy_figures.draw_sigma(pd.DataFrame(rows))
     assert style.render(figure, "svg").startswith(b"<?xml")
 

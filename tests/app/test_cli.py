@@ -20,8 +20,9 @@ from dldsim.tables.registry import COLUMNS
 from dldsim.tables.user_table import read_user_table
 
 ROOT = Path(__file__).parents[2]
-[COMMANDS] = [action.choices for action in cli.make_parser()._actions
-              if action.dest == "==SUPPRESS=="]
+[COMMANDS] = [
+    action.choices for action in cli.make_parser()._actions if action.dest == "==SUPPRESS=="
+]
 ARRAY = ["--pillar-radius-um", "5", "--gap-um", "20", "--periodicity", "4"]
 OUTCOMES = ROOT / "dldsim" / "data" / "campaign" / "outcomes.parquet"
 COARSE = ["--spacing-um", "2.5", "--config", str(ROOT / "config.yaml")]
@@ -57,8 +58,13 @@ def test_help_names_kinds_and_choices_in_words(command, capsys):
 @pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
 @pytest.mark.parametrize("words", [["design", "--help"], ["info", str(OUTCOMES)]])
 def test_any_terminal_shows_all_texts(words, encoding):
-    done = subprocess.run([sys.executable, "-m", "dldsim", *words], cwd=ROOT, capture_output=True,
-                          env={**os.environ, "PYTHONIOENCODING": encoding}, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "dldsim", *words],
+        cwd=ROOT,
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        check=False,
+    )
     text = done.stdout.decode(encoding)
     assert done.returncode == 0, done.stderr
     assert "?" not in text and ("theta" in text or "angle" in text)
@@ -89,8 +95,9 @@ def test_interrupted_before_it_begins_there_is_no_traceback(module, tmp_path):
         "sys.argv = ['dldsim', 'info', 'x']\n"
         "runpy.run_module('dldsim', run_name='__main__')\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True,
-                          check=False)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 130 and done.stderr == "\ndldsim: interrupted.\n"
 
 
@@ -119,17 +126,25 @@ def test_examples_parse(command):
         (["design", "--di1", "0.5"], ["--di2"]),
         (["design", "--set1", "1", "--set2", "5", "--seed", "-1"], ["--seed", "'-1'", "from 0"]),
         (["anova", "no.csv", "--seed", str(2**63)], ["--seed", "to 9223372036854775807"]),
-        (["design", "--set1", "1", "--set2", "5", "--safety-distance-um", "nan"],
-         ["--safety-distance-um", "nan"]),
-        (["constrict", "--set", "1", "--release-position-um", "-5"],
-         ["release_positions_um", "-5 µm", "allowed 0 to 11"]),
-        (["run", *ARRAY, "--set", "1", "--spacing-um", "0.05"],
-         ["numerics.spacing_um = 0.05", "GB of memory", "limits.memory_GB"]),
+        (
+            ["design", "--set1", "1", "--set2", "5", "--safety-distance-um", "nan"],
+            ["--safety-distance-um", "nan"],
+        ),
+        (
+            ["constrict", "--set", "1", "--release-position-um", "-5"],
+            ["release_positions_um", "-5 µm", "allowed 0 to 11"],
+        ),
+        (
+            ["run", *ARRAY, "--set", "1", "--spacing-um", "0.05"],
+            ["numerics.spacing_um = 0.05", "GB of memory", "limits.memory_GB"],
+        ),
         (["design", "--di1", "1.5", "--di2", "0.5"], ["deformation_index_1", "1.5", "≤ 1"]),
         (["design", "--set1", "1", "--di2", "0.5", "--results", "no"], ["outcomes.parquet"]),
         (["run", *ARRAY, "--set", "1", "--outcome-rows-max", "9"], ["has no effect", "--releases"]),
-        (["run", *ARRAY, "--set", "1", "--releases", "--release-gap-fraction", "0.3"],
-         ["--release-gap-fraction 0.3 has no effect with --releases"]),
+        (
+            ["run", *ARRAY, "--set", "1", "--releases", "--release-gap-fraction", "0.3"],
+            ["--release-gap-fraction 0.3 has no effect with --releases"],
+        ),
         (["run", *ARRAY, "--set", "1", "--releases", "0.5", "1.5"], ["release_gap_fractions"]),
         (["run", *ARRAY, "--set", "1", "--movie"], ["--movie", "--out DIR"]),
         (["run", *ARRAY, "--set", "1", "--vtk", "--out", "x", "--releases"], ["no --releases"]),
@@ -207,9 +222,19 @@ def test_flow_answers_with_the_columns_of_flows(capsys, tmp_path):
 
 def test_run_writes_the_tables_of_the_campaign(capsys, tmp_path):
     code, summary, _ = call(
-        capsys, "run", *ARRAY, *COARSE, "--set", 1, "--max-rows", 2, "--out", tmp_path,
-        "--movie", "--vtk",
-    )  # fmt: skip
+        capsys,
+        "run",
+        *ARRAY,
+        *COARSE,
+        "--set",
+        1,
+        "--max-rows",
+        2,
+        "--out",
+        tmp_path,
+        "--movie",
+        "--vtk",
+    )
     assert code == 0
     row, trajectory, movie, cell, pillars = (Path(name) for name in summary["files"])
     assert read_vtkhdf(cell).departure_um(read_table("trajectory", trajectory)) == 0
@@ -226,9 +251,20 @@ def test_run_writes_the_tables_of_the_campaign(capsys, tmp_path):
 
 def test_run_with_releases_writes_an_outcome(capsys, tmp_path):
     code, summary, _ = call(
-        capsys, "run", *ARRAY, *COARSE, "--set", 1, "--max-rows", 2, "--releases", 0.5, 0.4,
-        "--out", tmp_path,
-    )  # fmt: skip
+        capsys,
+        "run",
+        *ARRAY,
+        *COARSE,
+        "--set",
+        1,
+        "--max-rows",
+        2,
+        "--releases",
+        0.5,
+        0.4,
+        "--out",
+        tmp_path,
+    )
     assert code == 0
     outcome, runs, _ = (Path(name) for name in summary["files"])
     [stored] = read_rows("outcomes", outcome)
@@ -246,8 +282,9 @@ def test_anova_refuses_a_table_of_another_physics_version(capsys, tmp_path, monk
 
 
 def test_constrict_answers_with_the_columns_of_constriction_runs(capsys, tmp_path):
-    code, summary, _ = call(capsys, "constrict", "--set", 1, "--radius-um", 6, *COARSE, "--out",
-                            tmp_path)
+    code, summary, _ = call(
+        capsys, "constrict", "--set", 1, "--radius-um", 6, *COARSE, "--out", tmp_path
+    )
     assert code == 0
     row, _ = summary.pop("files")
     settings = describe(row)["provenance"]["settings"]
@@ -266,8 +303,9 @@ def test_stiffness_for_an_index_with_its_interval(capsys, tmp_path):
     assert found["ks_uN_per_m_low"] < 7 < 8 < found["ks_uN_per_m_high"]
     frame = read_user_table(path).frame
     frame.to_csv(tmp_path / "mine.csv", index=False, sep=";", decimal=",")
-    again = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration",
-                 tmp_path / "mine.csv")
+    again = call(
+        capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration", tmp_path / "mine.csv"
+    )
     assert again[:2] == (0, found)
     code, _, message = call(capsys, "stiffness", "--di", 0.9, "--calibration", path)
     assert code == 2 and "0.5 to 0.7" in message
@@ -292,19 +330,24 @@ def test_anova_reads_the_csv_of_anybody(capsys, tmp_path):
     assert effects["pillar_radius_um"] < 1e-6 < effects["gap_um"]
 
 
-@pytest.mark.parametrize(("name", "found"), [
-    ("anova_excel_semicolon_decimal_comma.csv", "decimal commas"),
-    ("anova_r_factors_dictionary.parquet", "dictionary"),
-    ("anova_inf_angle.csv", ""), ("anova_missing_stiffness_set_3_rows.csv", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [
+        ("anova_excel_semicolon_decimal_comma.csv", "decimal commas"),
+        ("anova_r_factors_dictionary.parquet", "dictionary"),
+        ("anova_inf_angle.csv", ""),
+        ("anova_missing_stiffness_set_3_rows.csv", ""),
+    ],
+)
 def test_anova_reads_the_tables_of_strangers_and_counts_rows(name, found, capsys):
     path = ROOT / "tests" / "data" / "user_tables" / name
     code, summary, _ = call(capsys, "anova", path)
     assert code == 0 and any(found in note for note in summary["found"]) or not found
     notes = {row["note"] for row in summary["rows"] if row["term"] == "rows"}
-    left_out = {"anova_inf_angle.csv": {"1 of 12 rows left out: infinite migration_angle_deg"},
-                "anova_missing_stiffness_set_3_rows.csv":
-                    {"3 of 12 rows left out: no stiffness_set"}}
+    left_out = {
+        "anova_inf_angle.csv": {"1 of 12 rows left out: infinite migration_angle_deg"},
+        "anova_missing_stiffness_set_3_rows.csv": {"3 of 12 rows left out: no stiffness_set"},
+    }
     assert notes == left_out.get(name, set())
 
 
@@ -318,8 +361,15 @@ def test_indices_fail_alone_and_say_why(capsys, tmp_path):
 
 def test_info_describes_a_table(capsys, tmp_path):
     path = tmp_path / "table.parquet"
-    rows = [{"design": "group-velocity", "variable_a": "a", "variable_b": "b",
-             "pearson_r": None, "n": 2}]  # fmt: skip
+    rows = [
+        {
+            "design": "group-velocity",
+            "variable_a": "a",
+            "variable_b": "b",
+            "pearson_r": None,
+            "n": 2,
+        }
+    ]
     write_table("calibration_correlations", rows, path, {"config_hash": "x", "seed": None})
     code, summary, _ = call(capsys, "info", path)
     assert code == 0 and summary["rows"] == 1 and summary["provenance"]["config_hash"] == "x"

@@ -1,74 +1,29 @@
 """The command `design` and the jobs of the workflow, on a made-up campaign."""
 
-import json
 import shutil
 import time
 from pathlib import Path
 
-import pandas as pd
 import pytest
 import yaml
 
 from dldsim import PHYSICS_VERSION
-from dldsim.analysis import surrogate
 from dldsim.app import cli, design_answers, design_jobs
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.config.presets import resolve
-from dldsim.config.sections import Flow, Numerics, RunControl
+from dldsim.config.sections import Flow, Numerics
 from dldsim.design import finished_campaign
 from dldsim.design.search import search
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import read_rows, read_table, write_table
 from dldsim.tables.registry import COLUMNS
-from tests.analysis.test_surrogate import make_outcomes
+from tests.app.conftest import SETS
 from tests.app.test_cli import call
-from tests.design.test_search import Known, ask, hill, make_flows
+from tests.design.test_search import Known, ask, hill
 from tests.design.test_verification import Nature, summit
 from tests.design.test_verification import check as check_designs
 
-SETS = {"1": 5.1, "2": 10.0, "3": 20.3}
 ASK = ["--set1", "1", "--set2", "3", "--trials", "30", "--startup-trials", "15"]
-
-
-def filled(kind, frame):
-    """A table with every column: null, 0 or empty where the frame has none."""
-    zero = {"string": "", "double": 0.0, "int64": 0}
-    for column in COLUMNS[kind]:
-        if column.name not in frame:
-            empty = zero.get(str(column.type), [[]] * len(frame))
-            frame[column.name] = None if column.nullable else empty
-    return frame[[c.name for c in COLUMNS[kind]]]
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """Folder with the tables that a campaign leaves for designs."""
-    folder = tmp_path_factory.mktemp("campaign")
-    outcomes = make_outcomes()
-    ks = outcomes["stiffness_set"].map(SETS)
-    outcomes = outcomes.assign(
-        ks_uN_per_m=ks, kb_pN_um=0.1, kal_uN_per_m=2 * ks, kag_uN_per_m=500.0, kv_Pa=900.0,
-        kvisc_nN_s_per_m=1.5, mean_velocity_mm_s=0.5, capillary_number=1.5 * 0.5 / ks,
-        numerics=json.dumps(Numerics().model_dump()), release_axis="y",
-    )  # fmt: skip
-    control = RunControl(max_rows=7).model_dump()
-    write_table("outcomes", filled("outcomes", outcomes), folder / "outcomes.parquet",
-                {"config_hash": "x", "seed": 1, "settings": {"run_control": control}})
-    index = outcomes.groupby("stiffness_set")["deformation_index"].first()
-    calibration = pd.DataFrame([
-        {"design": "group-velocity", "group": f"G{name}", "stiffness_set": name,
-         "ks_uN_per_m": k, "kb_pN_um": 0.1, "kal_uN_per_m": 2 * k, "velocity_mm_s": 1.0, "runs": 4,
-         "deformation_index": index[name], "deformation_index_std": 0.01}
-        for name, k in SETS.items()
-    ])  # fmt: skip
-    about = {"config_hash": "x", "seed": 1, "settings": {}}
-    write_table("calibration", filled("calibration", calibration),
-                folder / "calibration.parquet", about)
-    write_table("flows", filled("flows", make_flows()), folder / "flows.parquet", about)
-    write_table("runs", [], folder / "runs.parquet", about)
-    model = surrogate.fit(read_table("outcomes", folder / "outcomes.parquet"), 1)
-    model.save(folder / "surrogate.json", folder / "surrogate_card.json")
-    return folder
 
 
 @pytest.fixture(autouse=True)
@@ -95,8 +50,14 @@ def test_design_answers_within_a_minute(capsys, campaign, tmp_path):
 def test_design_prints_a_summary_to_be_read(capsys, campaign):
     assert cli.main(["design", *ASK, "--results", str(campaign)]) == 0
     text = capsys.readouterr().out
-    for words in ("predicted, not simulated", "one thing off", "importance (", "Add --verify",
-                  "cell 1: deformation index 0.5 ± 0.01", "edge_um"):
+    for words in (
+        "predicted, not simulated",
+        "one thing off",
+        "importance (",
+        "Add --verify",
+        "cell 1: deformation index 0.5 ± 0.01",
+        "edge_um",
+    ):
         assert words in text
 
 
@@ -114,7 +75,7 @@ def test_design_prints_a_summary_to_be_read(capsys, campaign):
         ([*ASK, "--r1", "-1"], ["radius_1_um", "-1", "number ≥ 0.1"]),
         ([*ASK, "--objective", "best"], ["--objective", "robust"]),
     ],
-)  # fmt: skip
+)
 def test_impossible_requests_are_told(capsys, campaign, argv, parts):
     code, summary, message = call(capsys, "design", *argv, "--results", campaign)
     assert (code, summary) == (2, None)
@@ -123,8 +84,18 @@ def test_impossible_requests_are_told(capsys, campaign, argv, parts):
 
 def test_a_design_with_a_fixed_dimension_is_written(capsys, campaign, tmp_path):
     for bounds in (["--gap-um", 16, 16], ["--gap-um", 16, 16, "--pillar-radius-um", 6, 6]):
-        code, summary, _ = call(capsys, "design", *ASK, *bounds, "--candidates", 1,
-                                "--results", campaign, "--output", tmp_path / "made")
+        code, summary, _ = call(
+            capsys,
+            "design",
+            *ASK,
+            *bounds,
+            "--candidates",
+            1,
+            "--results",
+            campaign,
+            "--output",
+            tmp_path / "made",
+        )
         assert code == 0 and summary["designs"][0]["gap_um"] == 16
         assert (tmp_path / "made" / "report.html").exists()
 
@@ -165,9 +136,10 @@ def test_verified_designs_are_printed_and_written(capsys, campaign, tmp_path, mo
         (["--request-name", "a" * 250], ["name", "64 at most"]),
         (["--output", "file"], ["--output", "cannot be written", "Nothing was calculated"]),
     ],
-)  # fmt: skip
-def test_what_no_search_can_serve_is_told_before_it(capsys, campaign, tmp_path, monkeypatch, argv,
-                                                    parts):
+)
+def test_what_no_search_can_serve_is_told_before_it(
+    capsys, campaign, tmp_path, monkeypatch, argv, parts
+):
     monkeypatch.setattr("dldsim.app.design_answers.search", None)
     (tmp_path / "file").write_text("")
     code, summary, message = call(capsys, "design", *ASK, *argv, "--results", campaign)
@@ -187,23 +159,27 @@ CONFIG = (Path(__file__).parents[2] / "config.yaml").read_text(encoding="utf-8")
 @pytest.mark.parametrize(
     ("old", "new", "parts"),
     [
-        ("mean_velocity_mm_s: 0.5", "mean_velocity_mm_s: 5",
-         ["flow.mean_velocity_mm_s = 5.0", "0.5", "mean velocity 0.5 mm/s", "--results"]),
+        (
+            "mean_velocity_mm_s: 0.5",
+            "mean_velocity_mm_s: 5",
+            ["flow.mean_velocity_mm_s = 5.0", "0.5", "mean velocity 0.5 mm/s", "--results"],
+        ),
         ("height_um: 20.0", "height_um: 30.0", ["flow.height_um = 30.0", "channel height 20 µm"]),
         ("viscosity_mPa_s: 1.5", "viscosity_mPa_s: 1.0", ["flow.viscosity_mPa_s = 1.0"]),
         ("shape: biconcave", "shape: sphere", ["cell.shape = sphere", "biconcave discs"]),
         ("radius_um: 7.5", "radius_um: 6", ["cell.radius_um = 6.0", "--r1 and --r2"]),
         ("ks_uN_per_m: 5.1", "ks_uN_per_m: 9.1", ["stiffness_sets.1.ks_uN_per_m = 9.1", "5.1"]),
     ],
-)  # fmt: skip
+)
 def test_settings_that_the_campaign_cannot_serve_are_refused(capsys, tmp_path, old, new, parts):
     ask = ["design", "--set1", "1", "--set2", "5", "--trials", "3", "--startup-trials", "2"]
     assert old in CONFIG
     (tmp_path / "config.yaml").write_text(CONFIG, encoding="utf-8")
     code, summary, _ = call(capsys, *ask)
     assert code == 0
-    assert summary["holds_for"] == ("biconcave discs of the radii named, channel height 20 µm, "
-                                    "mean velocity 0.5 mm/s")
+    assert summary["holds_for"] == (
+        "biconcave discs of the radii named, channel height 20 µm, mean velocity 0.5 mm/s"
+    )
     (tmp_path / "config.yaml").write_text(CONFIG.replace(old, new, 1), encoding="utf-8")
     code, summary, message = call(capsys, *ask)
     assert (code, summary) == (2, None)
@@ -213,8 +189,9 @@ def test_settings_that_the_campaign_cannot_serve_are_refused(capsys, tmp_path, o
 def test_numerics_matter_only_to_a_simulation(campaign):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)
     config = resolve(yaml.safe_load(CONFIG), {"numerics": {"spacing_um": 0.8}})
-    request = DesignRequest(name="r", deformation_index_1=0.5, deformation_index_2=0.7,
-                            radius_1_um=7, radius_2_um=7)
+    request = DesignRequest(
+        name="r", deformation_index_1=0.5, deformation_index_2=0.7, radius_1_um=7, radius_2_um=7
+    )
     finished_campaign.check_settings(config, known, request)
     with pytest.raises(DldsimError, match=r"numerics\.spacing_um = 0\.8 .* 1\.25"):
         finished_campaign.check_settings(config, known, request, simulate=True)
@@ -226,19 +203,30 @@ def job_settings(campaign, *requests):
     return {**known.settings, "seed": 1, "design_requests": list(requests), "verification": budget}
 
 
-GOOD = {"name": "good", "stiffness_set_1": "1", "stiffness_set_2": "3", "trials": 20,
-        "startup_trials": 10}
+GOOD = {
+    "name": "good",
+    "stiffness_set_1": "1",
+    "stiffness_set_2": "3",
+    "trials": 20,
+    "startup_trials": 10,
+}
 
 
 def inputs_of(campaign):
-    return {"model": campaign / "surrogate.json", "card": campaign / "surrogate_card.json",
-            "calibration": campaign / "calibration.parquet", "flows": campaign / "flows.parquet"}
+    return {
+        "model": campaign / "surrogate.json",
+        "card": campaign / "surrogate_card.json",
+        "calibration": campaign / "calibration.parquet",
+        "flows": campaign / "flows.parquet",
+    }
 
 
 @pytest.mark.parametrize(
     ("bad", "reason"),
-    [({"stiffness_set_1": "dead"}, "stiffness set dead"),
-     ({"gap_um": (5.0, 6.0)}, "no geometry within the bounds")],
+    [
+        ({"stiffness_set_1": "dead"}, "stiffness set dead"),
+        ({"gap_um": (5.0, 6.0)}, "no geometry within the bounds"),
+    ],
 )
 def test_a_failed_request_takes_no_other_with_it(campaign, tmp_path, bad, reason):
     settings = job_settings(campaign, {**GOOD, **bad, "name": "bad"}, GOOD)
@@ -251,8 +239,9 @@ def test_a_failed_request_takes_no_other_with_it(campaign, tmp_path, bad, reason
     assert good_row == {"request": "good", "status": "answered", "reason": ""}
     for kind in design_answers.SEARCH:
         assert {row["request"] for row in read_rows(kind, tables[kind])} == {"good"}
-    design_jobs.regret_job(settings, table=tmp_path / "regret.parquet", progress=said.append,
-                           **inputs_of(campaign))
+    design_jobs.regret_job(
+        settings, table=tmp_path / "regret.parquet", progress=said.append, **inputs_of(campaign)
+    )
     found = read_rows("search_regret", tmp_path / "regret.parquet")
     assert {row["request"] for row in found} == {"good"}
 
@@ -263,21 +252,38 @@ def test_a_campaign_of_failed_requests_only_has_empty_tables(campaign, tmp_path)
     tables = {kind: tmp_path / f"{kind}.parquet" for kind in kinds}
     design_jobs.design_job(settings, tables=tables, progress=print, **inputs_of(campaign))
     assert not any(read_rows(kind, tables[kind]) for kind in design_answers.SEARCH)
-    out = {name: tmp_path / f"{name}.parquet"
-           for name in ("verifications", "designs", "added", "requests")}
-    design_jobs.verify_job("good", settings, outcomes=campaign / "outcomes.parquet", **out,
-                           files=tmp_path / "files", work=tmp_path / "work", progress=print,
-                           **inputs_of(campaign))
+    out = {
+        name: tmp_path / f"{name}.parquet"
+        for name in ("verifications", "designs", "added", "requests")
+    }
+    design_jobs.verify_job(
+        "good",
+        settings,
+        outcomes=campaign / "outcomes.parquet",
+        **out,
+        files=tmp_path / "files",
+        work=tmp_path / "work",
+        progress=print,
+        **inputs_of(campaign),
+    )
     [row] = read_rows("verified_requests", out["requests"])
     assert row["status"] == "failed" and "dead" in row["reason"]
     assert not read_rows("verified_designs", out["designs"]) and (tmp_path / "files").is_dir()
-    tables = {kind: tmp_path / f"all-{kind}.parquet"
-              for kind in ("verifications", "verified_designs", "verified_requests", "outcomes")}
+    tables = {
+        kind: tmp_path / f"all-{kind}.parquet"
+        for kind in ("verifications", "verified_designs", "verified_requests", "outcomes")
+    }
     design_jobs.gather_verified(
-        settings, verifications=[out["verifications"]], designs=[out["designs"]],
-        added=[out["added"]], requests=[out["requests"]], tables=tables,
-        outcomes=campaign / "outcomes.parquet", model=tmp_path / "m.json",
-        card=tmp_path / "c.json")
+        settings,
+        verifications=[out["verifications"]],
+        designs=[out["designs"]],
+        added=[out["added"]],
+        requests=[out["requests"]],
+        tables=tables,
+        outcomes=campaign / "outcomes.parquet",
+        model=tmp_path / "m.json",
+        card=tmp_path / "c.json",
+    )
     assert read_rows("verified_requests", tables["verified_requests"]) == [row]
 
 
@@ -292,9 +298,12 @@ def test_too_few_flows_leave_the_pressure_unknown_and_say_why(campaign, tmp_path
 
 @pytest.mark.parametrize(
     ("missing", "parts"),
-    [("outcomes", ["outcomes.parquet", "does not exist"]), ("calibration", ["calibration.parquet"]),
-     ("surrogate_card", ["surrogate_card.json", "does not exist"])],
-)  # fmt: skip
+    [
+        ("outcomes", ["outcomes.parquet", "does not exist"]),
+        ("calibration", ["calibration.parquet"]),
+        ("surrogate_card", ["surrogate_card.json", "does not exist"]),
+    ],
+)
 def test_missing_files_are_told(capsys, campaign, tmp_path, missing, parts):
     folder = shutil.copytree(campaign, tmp_path / "copy")
     next(folder.glob(f"{missing}.*")).unlink()
@@ -313,8 +322,12 @@ def test_a_model_of_other_runs_is_refused(capsys, campaign, tmp_path):
     folder = shutil.copytree(campaign, tmp_path / "copy")
     outcomes = read_table("outcomes", folder / "outcomes.parquet")
     outcomes.loc[3, "migration_angle_deg"] += 0.5
-    write_table("outcomes", outcomes, folder / "outcomes.parquet",
-                {"config_hash": "x", "seed": 1, "settings": {}})
+    write_table(
+        "outcomes",
+        outcomes,
+        folder / "outcomes.parquet",
+        {"config_hash": "x", "seed": 1, "settings": {}},
+    )
     code, _, message = call(capsys, "design", *ASK, "--results", folder)
     assert code == 2 and "learnt from other outcomes" in message
 
@@ -347,8 +360,9 @@ def test_a_campaign_of_another_physics_version_gives_no_answer(capsys, campaign,
 def test_a_kept_campaign_answers_like_its_results(campaign, tmp_path):
     kept = tmp_path / "kept"
     finished_campaign.keep_campaign(campaign, kept)
-    first, second = (finished_campaign.read_campaign(place, Device(), 2.0)
-                     for place in (campaign, kept))
+    first, second = (
+        finished_campaign.read_campaign(place, Device(), 2.0) for place in (campaign, kept)
+    )
     assert first.settings == second.settings and first.model.card == second.model.card
     for kind, table in first.tables.items():
         assert table.equals(second.tables[kind])
@@ -377,8 +391,9 @@ def test_runs_of_several_channels_are_refused(campaign):
 
 def test_spread_of_a_set_is_the_calibrations(campaign):
     calibration = read_table("calibration", campaign / "calibration.parquet")
-    request = DesignRequest(name="r", stiffness_set_1="1", deformation_index_2=0.7,
-                            deformation_index_std_2=0.02)
+    request = DesignRequest(
+        name="r", stiffness_set_1="1", deformation_index_2=0.7, deformation_index_std_2=0.02
+    )
     resolved = design_answers.by_deformation_index(request, calibration)
     assert resolved.deformation_index_1 == pytest.approx(0.5)
     assert resolved.deformation_index_std_1 == pytest.approx(0.01)

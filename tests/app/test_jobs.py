@@ -17,8 +17,10 @@ from dldsim.tables.parquet import read_rows, write_table
 from dldsim.tables.registry import COLUMNS
 
 GEOMETRY = "r05.0_g20.0_n04"
-CONFIG = read_config(Path(__file__).parents[2] / "config.yaml", {
-    "preset": "tiny", "run_control": {"release_gap_fractions": [0.5, 0.2, 0.8]}})
+CONFIG = read_config(
+    Path(__file__).parents[2] / "config.yaml",
+    {"preset": "tiny", "run_control": {"release_gap_fractions": [0.5, 0.2, 0.8]}},
+)
 SETTINGS = CONFIG.model_dump(mode="json")
 OUTCOME = f"{GEOMETRY}_s1"
 OF_SET = SETTINGS | {"stiffness": SETTINGS["stiffness_sets"]["1"]}
@@ -50,8 +52,16 @@ def test_crashed_flow_becomes_a_row_and_so_do_its_outcomes(files, monkeypatch, t
     assert "Traceback" in said[-1] and campaign.count_crashes(files["crashes"], GEOMETRY) == 1
 
     tables = outcome_files(tmp_path)
-    jobs.outcome_job(OUTCOME, OF_SET, flow=files["flow"], flow_row=files["row"], files=tables,
-                     partial=tmp_path / "p", crashes=files["crashes"], progress=said.append)
+    jobs.outcome_job(
+        OUTCOME,
+        OF_SET,
+        flow=files["flow"],
+        flow_row=files["row"],
+        files=tables,
+        partial=tmp_path / "p",
+        crashes=files["crashes"],
+        progress=said.append,
+    )
     [row] = read_rows("outcomes", tables.outcome)
     assert row["status"] == "failed" and "no room" in row["stop_reason"]
     assert (row["outcome_id"], row["migration_angle_deg"], row["mode"]) == (OUTCOME, None, "none")
@@ -63,7 +73,10 @@ def test_crashed_flow_becomes_a_row_and_so_do_its_outcomes(files, monkeypatch, t
 def finished_flow(files, monkeypatch):
     """A flow job that has succeeded, without a solver."""
     row = dict.fromkeys((c.name for c in COLUMNS["flows"]), 1.0) | {
-        "drive": "axial", "status": "steady", "stop_reason": "steady"}
+        "drive": "axial",
+        "status": "steady",
+        "stop_reason": "steady",
+    }
     write_table("flows", [row], files["row"], {})
     monkeypatch.setattr("dldsim.solver.flow.EmptyFlow.load", lambda path: "the flow")
 
@@ -74,16 +87,32 @@ def release(place, rows=4, lane=True):
     config = resolve_sections()
     row = {
         **dict.fromkeys(c.name for c in COLUMNS["runs"] if c.nullable),
-        **known_of(outcome, *config), "run_id": name, "release_gap_fraction": place,
-        "status": "converged" if lane else "undecided", "stop_reason": "why",
-        "mode": "bump" if lane else "none", "rows_completed": rows, "orbit_rows": int(lane),
-        "lateral_steps_um": [7.5] * rows, "left_out": "", "details": "{}", "steps": 100,
-        "wall_time_s": 2.0, "lag_number": 0.1, "spacing_um": 1.25, "capillary_number": 0.3,
+        **known_of(outcome, *config),
+        "run_id": name,
+        "release_gap_fraction": place,
+        "status": "converged" if lane else "undecided",
+        "stop_reason": "why",
+        "mode": "bump" if lane else "none",
+        "rows_completed": rows,
+        "orbit_rows": int(lane),
+        "lateral_steps_um": [7.5] * rows,
+        "left_out": "",
+        "details": "{}",
+        "steps": 100,
+        "wall_time_s": 2.0,
+        "lag_number": 0.1,
+        "spacing_um": 1.25,
+        "capillary_number": 0.3,
     }
     if lane:
-        row |= {"migration_angle_deg": 14.0, "angle_low_deg": 13.9, "angle_high_deg": 14.1,
-                "first_period_angle_deg": 12.0 + place, "settled_row": 2,
-                "transition_distance": 0.5}
+        row |= {
+            "migration_angle_deg": 14.0,
+            "angle_low_deg": 13.9,
+            "angle_high_deg": 14.1,
+            "first_period_angle_deg": 12.0 + place,
+            "settled_row": 2,
+            "transition_distance": 0.5,
+        }
     track = {c.name: np.full(3, place) for c in COLUMNS["trajectory"]}
     return RunResult(row, track | {"run_id": np.full(3, name), "step": np.arange(3)})
 
@@ -95,8 +124,16 @@ def resolve_sections():
 
 def do(files, tmp_path, settings=OF_SET):
     tables = outcome_files(tmp_path)
-    jobs.outcome_job(OUTCOME, settings, flow=files["flow"], flow_row=files["row"], files=tables,
-                     partial=tmp_path / "p", crashes=files["crashes"], progress=print)
+    jobs.outcome_job(
+        OUTCOME,
+        settings,
+        flow=files["flow"],
+        flow_row=files["row"],
+        files=tables,
+        partial=tmp_path / "p",
+        crashes=files["crashes"],
+        progress=print,
+    )
     return tables
 
 
@@ -176,16 +213,20 @@ def test_a_row_of_runs_gives_its_migration_back():
     made = release(0.2)
     again = migration_of(made.row)
     assert {name: getattr(again, name) for name in MIGRATION} == {
-        name: made.row[name] for name in MIGRATION}
+        name: made.row[name] for name in MIGRATION
+    }
     assert (again.status, again.reason) == ("converged", "why")
     assert again.lateral_steps.tolist() == [7.5] * 4
 
 
 def test_crashed_constriction_becomes_a_row(tmp_path, monkeypatch):
-    monkeypatch.setattr("dldsim.experiments.constriction.simulate_constriction",
-                        crash(DldsimError("too fast")))
-    settings = SETTINGS | {"group": SETTINGS["constriction_groups"]["G1"],
-                           "release_position_um": 3.0}
+    monkeypatch.setattr(
+        "dldsim.experiments.constriction.simulate_constriction", crash(DldsimError("too fast"))
+    )
+    settings = SETTINGS | {
+        "group": SETTINGS["constriction_groups"]["G1"],
+        "release_position_um": 3.0,
+    }
     out = {"row": tmp_path / "r.parquet", "trajectory": tmp_path / "t.parquet"}
     said = []
     jobs.constriction_job("G1_1", settings, **out, crashes=tmp_path, progress=said.append)
@@ -195,8 +236,9 @@ def test_crashed_constriction_becomes_a_row(tmp_path, monkeypatch):
     assert said == ["too fast"]
 
 
-@pytest.mark.parametrize("error", [TypeError("a bug"), ZeroDivisionError("by zero"),
-                                   OSError(5, "Input/output error")])
+@pytest.mark.parametrize(
+    "error", [TypeError("a bug"), ZeroDivisionError("by zero"), OSError(5, "Input/output error")]
+)
 def test_a_bug_stops(error, files, monkeypatch, tmp_path):
     """It is no row that the analyses go on without; likewise in the other jobs."""
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(error))
@@ -206,8 +248,14 @@ def test_a_bug_stops(error, files, monkeypatch, tmp_path):
     with pytest.raises(type(error)):
         jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
     with pytest.raises(type(error)):
-        jobs.constriction_job("G1_1", SETTINGS | group, row=files["row"], progress=print,
-                              trajectory=tmp_path / "t.parquet", crashes=files["crashes"])
+        jobs.constriction_job(
+            "G1_1",
+            SETTINGS | group,
+            row=files["row"],
+            progress=print,
+            trajectory=tmp_path / "t.parquet",
+            crashes=files["crashes"],
+        )
     assert not files["row"].exists() and not files["crashes"].exists()
     finished_flow(files, monkeypatch)
     with pytest.raises(type(error)):
@@ -236,11 +284,14 @@ def test_log_takes_everything_and_bad_input_has_no_traceback(tmp_path, capsys):
     assert "Traceback" in log.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("error", "code", "part"), [
-    (OSError(errno.ENOSPC, "No space left on device", "results/a.parquet"), 1, "Make room"),
-    (OSError(errno.EROFS, "Read-only file system", "results/a.parquet"), 1, "--directory"),
-    (KeyboardInterrupt(), 130, ""),
-])
+@pytest.mark.parametrize(
+    ("error", "code", "part"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device", "results/a.parquet"), 1, "Make room"),
+        (OSError(errno.EROFS, "Read-only file system", "results/a.parquet"), 1, "--directory"),
+        (KeyboardInterrupt(), 130, ""),
+    ],
+)
 def test_a_full_disk_and_ctrl_c_have_no_traceback(error, code, part, tmp_path, capsys):
     log = tmp_path / "a.log"
     with pytest.raises(SystemExit) as stop, jobs.job_log(log):

@@ -26,17 +26,31 @@ def outcome(identifier, geometry, numerics, distance):
     """A row of `outcomes`: bump at a positive distance, else a third of it."""
     bump = math.degrees(math.atan(1 / geometry.periodicity))
     angle = bump if distance > 0 else bump / 3
-    blank = {c.name: None if c.nullable else {"string": "", "int64": 2, "double": 1.0}[str(c.type)]
-             for c in COLUMNS["outcomes"]}
+    blank = {
+        c.name: None if c.nullable else {"string": "", "int64": 2, "double": 1.0}[str(c.type)]
+        for c in COLUMNS["outcomes"]
+    }
     return blank | {
-        "outcome_id": identifier, **geometry.model_dump(), "stiffness_set": identifier[-1],
-        "cell_shape": "biconcave", "cell_radius_um": 7.5, "height_um": 20.0,
-        "mean_velocity_mm_s": 0.5, "status": "decided", "mode": "bump" if distance > 0 else "mixed",
-        "migration_angle_deg": angle, "angle_low_deg": angle - 0.01,
-        "angle_high_deg": angle + 0.01, "bump_angle_deg": bump, "transition_distance": distance,
-        "spacing_um": numerics["spacing_um"], "lag_number": numerics["reynolds_max"],
-        "wall_time_s": 36.0, "rows_total": 24, "numerics": json.dumps(numerics),
-    }  # fmt: skip
+        "outcome_id": identifier,
+        **geometry.model_dump(),
+        "stiffness_set": identifier[-1],
+        "cell_shape": "biconcave",
+        "cell_radius_um": 7.5,
+        "height_um": 20.0,
+        "mean_velocity_mm_s": 0.5,
+        "status": "decided",
+        "mode": "bump" if distance > 0 else "mixed",
+        "migration_angle_deg": angle,
+        "angle_low_deg": angle - 0.01,
+        "angle_high_deg": angle + 0.01,
+        "bump_angle_deg": bump,
+        "transition_distance": distance,
+        "spacing_um": numerics["spacing_um"],
+        "lag_number": numerics["reynolds_max"],
+        "wall_time_s": 36.0,
+        "rows_total": 24,
+        "numerics": json.dumps(numerics),
+    }
 
 
 def distance_at(geometry, numerics):
@@ -65,9 +79,13 @@ def pairs(tmp_path_factory, config):
 def results(tmp_path_factory, config, pairs):
     """A finished study: tables and model in the folder ``reference`` of results."""
     folder = tmp_path_factory.mktemp("results") / "reference"
-    reference_jobs.gather_pairs(pairs, SETTINGS, outcomes=folder / "reference_outcomes.parquet",
-                                model=folder / "sigma_num.json",
-                                check=folder / "sigma_num_check.parquet")
+    reference_jobs.gather_pairs(
+        pairs,
+        SETTINGS,
+        outcomes=folder / "reference_outcomes.parquet",
+        model=folder / "sigma_num.json",
+        check=folder / "sigma_num_check.parquet",
+    )
     searches = []
     for search in reference_study.searches(config):
         name, start = reference_study.search_id(search), None
@@ -77,14 +95,18 @@ def results(tmp_path_factory, config, pairs):
         before = None
         for number in range(reference_study.POINTS):
             table = _point(folder, search, number)
-            reference_jobs.point_job(name, settings, before=before, start=start, table=table,
-                                     simulate=simulate)
+            reference_jobs.point_job(
+                name, settings, before=before, start=start, table=table, simulate=simulate
+            )
             before = table
         searches.append((name, before))
     sections = {"reference", "cell", "flow", "numerics", "run_control", "stiffness_sets"}
-    reference_jobs.gather_gaps(searches, config.model_dump(mode="json", include=sections),
-                               gaps=folder / "critical_gaps.parquet",
-                               convergence=folder / "convergence.parquet")
+    reference_jobs.gather_gaps(
+        searches,
+        config.model_dump(mode="json", include=sections),
+        gaps=folder / "critical_gaps.parquet",
+        convergence=folder / "convergence.parquet",
+    )
     return folder.parent
 
 
@@ -121,8 +143,9 @@ def test_the_model_and_its_check_come_of_the_pairs(results, config):
 def test_what_is_installed_comes_back(results, tmp_path):
     data = tmp_path / "data"
     files = reference_study.install(results, data)
-    assert len(files) == 4 and all(f.read_bytes() == (results / "reference" / f.name).read_bytes()
-                                   for f in files)
+    assert len(files) == 4 and all(
+        f.read_bytes() == (results / "reference" / f.name).read_bytes() for f in files
+    )
     rows = reference_study.reference_outcomes(data)
     assert rows == read_rows("outcomes", results / "reference" / "reference_outcomes.parquet")
 
@@ -147,8 +170,12 @@ def test_the_comparison_says_who_disagrees(results, tmp_path, monkeypatch, confi
     def wrong(identifier, geometry, stiffness_set, settings):
         numerics = settings["numerics"]
         distance = distance_at(geometry, numerics)
-        return outcome(identifier, geometry, numerics, -distance if "r09.0_g12.0_n12" in identifier
-                       else distance)
+        return outcome(
+            identifier,
+            geometry,
+            numerics,
+            -distance if "r09.0_g12.0_n12" in identifier else distance,
+        )
 
     rows = []
     for run in config.reference.pairs:
@@ -164,8 +191,11 @@ def test_the_comparison_says_who_disagrees(results, tmp_path, monkeypatch, confi
 def test_the_spot_check_compares_with_the_campaign(tmp_path):
     names = [f"r08.0_g{gap}.0_n10_s1" for gap in (14, 16, 20)]
     numerics = {"spacing_um": 1.2, "reynolds_max": 0.15}
-    rows = [outcome(n, parse_outcome(n).geometry, numerics, 0.3)
-            | {"sigma_num_deg": 0.1, "sigma_num_basis": "modelled"} for n in names]
+    rows = [
+        outcome(n, parse_outcome(n).geometry, numerics, 0.3)
+        | {"sigma_num_deg": 0.1, "sigma_num_basis": "modelled"}
+        for n in names
+    ]
     write_table("outcomes", rows, tmp_path / "outcomes.parquet", {})
     checks = [tmp_path / f"{n}.parquet" for n in names[:2]]
     for row, path, distance in zip(rows, checks, (0.3, -0.3), strict=False):
@@ -173,8 +203,9 @@ def test_the_spot_check_compares_with_the_campaign(tmp_path):
         finer = numerics | {"spacing_um": 0.6}
         again = outcome(name, parse_outcome(name).geometry, finer, distance)
         write_table("outcomes", [again], path, {})
-    sentence = reference_jobs.gather_spot_check(tmp_path / "outcomes.parquet", checks, SETTINGS,
-                                                table=tmp_path / "spot_check.parquet")
+    sentence = reference_jobs.gather_spot_check(
+        tmp_path / "outcomes.parquet", checks, SETTINGS, table=tmp_path / "spot_check.parquet"
+    )
     assert sentence.startswith("Spot check: 1 of 2 outcomes change") and "not hold" in sentence
     found = read_rows("spot_check", tmp_path / "spot_check.parquet")
     assert [r["verdict"].split(":")[0] for r in found] == ["holds", "changes"]

@@ -76,5 +76,6 @@ def test_closing_sentence_says_where_the_time_went(tmp_path):
         path.write_text(f"s\th:m:s\n{seconds}\t0:00:00\n", encoding="utf-8")
     assert campaign.time_split(tmp_path) == {"outcome": 150.0, "report": 30.0}
     assert campaign.closing_sentence(tmp_path).endswith(
-        "Time of all jobs together: 3.0 minutes (outcome 83%, report 17%).")
+        "Time of all jobs together: 3.0 minutes (outcome 83%, report 17%)."
+    )
     assert "Time" not in campaign.closing_sentence(tmp_path / "other")

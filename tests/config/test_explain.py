@@ -69,13 +69,16 @@ def test_every_problem_is_told_in_three_lines():
         ({"design_requests": [{"gap_um": 5}]}, "design_requests.0.gap_um", ["a list of 2"]),
         ({"stiffness_sets": [1]}, "stiffness_sets", ["names, each with a section"]),
         ({"stiffness_sets": {"a b": {}}}, "stiffness_sets.a b", ["text like"]),
-        ({"accuracy": {"migration_angle": {"cases": {"a": "r05.0_g20.0_n00_s1"}}}},
-         "accuracy.migration_angle.cases.a", ["periodicity"]),
+        (
+            {"accuracy": {"migration_angle": {"cases": {"a": "r05.0_g20.0_n00_s1"}}}},
+            "accuracy.migration_angle.cases.a",
+            ["periodicity"],
+        ),
         ({"reference": {"pairs": ["r5_g20_n4_s1"]}}, "reference.pairs.0", ["identifier"]),
         ({"sweep": {"stiffness_sets": ["9"]}}, "sweep.stiffness_sets", ["unknown stiffness set"]),
         ({"device": {"sample_position_mm": 50}}, "device.sample_position_mm", ["between"]),
     ],
-)  # fmt: skip
+)
 def test_a_fault_has_its_key_and_plain_words(overrides, key, parts):
     with pytest.raises(DldsimError) as caught:
         resolve(RAW, overrides)
@@ -83,7 +86,8 @@ def test_a_fault_has_its_key_and_plain_words(overrides, key, parts):
     text = str(caught.value)
     assert all(part in text for part in parts), text
     assert not {"instance of", "Input should", "valid dictionary"} & {
-        word for word in ("instance of", "Input should", "valid dictionary") if word in text}
+        word for word in ("instance of", "Input should", "valid dictionary") if word in text
+    }
 
 
 @pytest.mark.parametrize(
@@ -110,11 +114,13 @@ def test_a_fault_has_its_key_and_plain_words(overrides, key, parts):
         ({"constriction": {"release_positions_um": [-3]}}, "constriction.release_positions_um.0"),
         ({"run_control": {"max_rows": 10**9}}, "run_control.max_rows"),
         ({"design_requests": [{"name": "a", "trials": 10**9}]}, "design_requests.0.trials"),
-        ({"accuracy": {"migration_angle": {"reference": {"rows": float("inf")}}}},
-         "accuracy.migration_angle.reference.rows"),
+        (
+            {"accuracy": {"migration_angle": {"reference": {"rows": float("inf")}}}},
+            "accuracy.migration_angle.reference.rows",
+        ),
         ({"limits": {"memory_GB": 0}}, "limits.memory_GB"),
     ],
-)  # fmt: skip
+)
 def test_nonsense_is_refused_where_it_stands(overrides, key):
     with pytest.raises(DldsimError) as caught:
         resolve(RAW, overrides)
@@ -126,8 +132,12 @@ def _numbers(model):
     schema = model.model_json_schema()
     for section in [schema, *schema.get("$defs", {}).values()]:
         for name, part in section.get("properties", {}).items():
-            for inner in [part, *part.get("anyOf", []), *part.get("prefixItems", []),
-                          part.get("items", {})]:
+            for inner in [
+                part,
+                *part.get("anyOf", []),
+                *part.get("prefixItems", []),
+                part.get("items", {}),
+            ]:
                 if inner.get("type") in ("number", "integer"):
                     yield f"{section['title']}.{name}", inner
 
@@ -137,10 +147,11 @@ def test_every_number_has_a_range(model):
     found = dict(_numbers(model))
     assert found
     open_ended = {
-        name for name, part in found.items()
+        name
+        for name, part in found.items()
         if not {"minimum", "exclusiveMinimum"} & set(part)
         or not {"maximum", "exclusiveMaximum"} & set(part)
-    }  # fmt: skip
+    }
     assert not open_ended
 
 

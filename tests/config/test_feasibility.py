@@ -49,10 +49,9 @@ def test_smallest_passable_tube():
         ({"constriction": {"height_um": 3}}, "constriction.height_um"),
         ({"constriction": {"spacing_um": 8}}, "constriction.height_um"),
         ({"constriction": {"spacing_um": 0.02}}, "constriction.spacing_um"),
-        ({"constriction": {"release_positions_um": [0, 12]}},
-         "constriction.release_positions_um"),
+        ({"constriction": {"release_positions_um": [0, 12]}}, "constriction.release_positions_um"),
     ],
-)  # fmt: skip
+)
 def test_what_no_lattice_can_carry_is_refused(overrides, key):
     with pytest.raises(DldsimError) as caught:
         resolve(RAW, overrides)

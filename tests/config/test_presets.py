@@ -61,7 +61,7 @@ def test_not_a_configuration(tmp_path):
         ({"flow": {"height": None}}, {}, "flow.height", ["unknown key"]),
         ({}, {"constriction_groups": {"G9": None}}, "constriction_groups.G9", ["None"]),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_preset_or_no_key_is_refused(raw, overrides, key, parts):
     with pytest.raises(DldsimError) as caught:
         resolve(merge(RAW, raw), overrides)
@@ -72,8 +72,12 @@ def test_what_is_no_preset_or_no_key_is_refused(raw, overrides, key, parts):
 def test_a_null_takes_out_what_is_there():
     taken = resolve(RAW, {"constriction_groups": {"G3": None}, "flow": {"height_um": None}})
     assert "G3" not in taken.constriction_groups and taken.flow.height_um == 20
-    assert resolve(RAW, {"constriction": {"fixed_velocity_mm_s": None}}
-                   ).constriction.fixed_velocity_mm_s is None
+    assert (
+        resolve(
+            RAW, {"constriction": {"fixed_velocity_mm_s": None}}
+        ).constriction.fixed_velocity_mm_s
+        is None
+    )
 
 
 def test_one_section_is_enough_for_single_commands(tmp_path):

@@ -9,13 +9,29 @@ from dldsim.errors import DldsimError
 @pytest.mark.parametrize(
     ("text", "value"),
     [
-        ("010", 10), ("0o10", 8), ("0x1F", 31), ("-7", -7), ("1:30", "1:30"), ("1e5", 1e5),
-        ("1.5e-3", 1.5e-3), (".5", 0.5), ("+3.", 3.0), ("yes", "yes"), ("off", "off"),
-        ("true", True), ("~", None), ("", None), ("null", None), ("2026-01-02", "2026-01-02"),
-        ("1_000", "1_000"), ('"1"', "1"), ("[1, a]", [1, "a"]), ("{a: {b: 1}}", {"a": {"b": 1}}),
+        ("010", 10),
+        ("0o10", 8),
+        ("0x1F", 31),
+        ("-7", -7),
+        ("1:30", "1:30"),
+        ("1e5", 1e5),
+        ("1.5e-3", 1.5e-3),
+        (".5", 0.5),
+        ("+3.", 3.0),
+        ("yes", "yes"),
+        ("off", "off"),
+        ("true", True),
+        ("~", None),
+        ("", None),
+        ("null", None),
+        ("2026-01-02", "2026-01-02"),
+        ("1_000", "1_000"),
+        ('"1"', "1"),
+        ("[1, a]", [1, "a"]),
+        ("{a: {b: 1}}", {"a": {"b": 1}}),
         (".inf", float("inf")),
     ],
-)  # fmt: skip
+)
 def test_scalars_are_those_of_yaml_1_2(text, value):
     found = parse_yaml(text)
     assert found == value and type(found) is type(value)

@@ -25,16 +25,26 @@ from tests.experiments.test_vtk import SOFT
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 DEVICE = Device(array_length_mm=1.0, array_width_mm=0.8)
 REQUEST = DesignRequest(
-    name="soft-from-stiff", deformation_index_1=0.6, deformation_index_2=0.4, radius_1_um=4.0,
+    name="soft-from-stiff",
+    deformation_index_1=0.6,
+    deformation_index_2=0.4,
+    radius_1_um=4.0,
     radius_2_um=4.0,
-)  # fmt: skip
+)
 DESIGN = {
-    "request": "soft-from-stiff", "rank": np.int64(1), **GEOMETRY.model_dump(),
-    "separation_deg": 9.0, "angle_1_deg": 1.0, "angle_2_deg": 10.0,
-    "separation_tolerance_min_deg": np.float64(7.0), "separation_tolerance_max_deg": 11.0,
-    "sigma_num_deg": math.nan, "uncertainty_deg": 2.0, "verdict": "resolved",
+    "request": "soft-from-stiff",
+    "rank": np.int64(1),
+    **GEOMETRY.model_dump(),
+    "separation_deg": 9.0,
+    "angle_1_deg": 1.0,
+    "angle_2_deg": 10.0,
+    "separation_tolerance_min_deg": np.float64(7.0),
+    "separation_tolerance_max_deg": 11.0,
+    "sigma_num_deg": math.nan,
+    "uncertainty_deg": 2.0,
+    "verdict": "resolved",
     "inside_training_domain": np.True_,
-}  # fmt: skip
+}
 ABOUT = {"config_hash": "0123456789abcdef", "seed": 7}
 CARD = {"model": "xgboost", "scores_by_geometry": {"rmse_deg": 1.3}, "domain": {"geometries": []}}
 
@@ -50,21 +60,38 @@ def verified():
         stiffness = SOFT.model_copy(update={"ks_uN_per_m": 5.1 * factor})
         recorder = Recorder(2)
         made = simulate_outcome(
-            GEOMETRY, stiffness, cell, flow, numerics, control, outcome_id=f"r_s{name}",
-            stiffness_set=name, empty_flow=empty, observe=recorder,
-        )  # fmt: skip
+            GEOMETRY,
+            stiffness,
+            cell,
+            flow,
+            numerics,
+            control,
+            outcome_id=f"r_s{name}",
+            stiffness_set=name,
+            empty_flow=empty,
+            observe=recorder,
+        )
         run = made.runs[0.5]
-        found.append(Verified({**made.row, "sigma_num_deg": 0.3}, run.trajectory,
-                              recorder.shapes(GEOMETRY, run)))
+        found.append(
+            Verified(
+                {**made.row, "sigma_num_deg": 0.3}, run.trajectory, recorder.shapes(GEOMETRY, run)
+            )
+        )
     return found
 
 
 @pytest.fixture(scope="module")
 def files(verified, tmp_path_factory):
     return export_design(
-        "soft-from-stiff-01", DESIGN, REQUEST, DEVICE, tmp_path_factory.mktemp("export"),
-        about=ABOUT, card=CARD, verified=verified,
-    )  # fmt: skip
+        "soft-from-stiff-01",
+        DESIGN,
+        REQUEST,
+        DEVICE,
+        tmp_path_factory.mktemp("export"),
+        about=ABOUT,
+        card=CARD,
+        verified=verified,
+    )
 
 
 def predicted(directory, **changed):
@@ -100,8 +127,9 @@ def test_json_says_what_was_predicted_and_simulated(files, verified):
     assert record["design"]["angle_1_deg"] == 1.0 and record["design"]["rank"] == 1
     assert record["design"]["sigma_num_deg"] is None  # not measured
     assert record["design"]["inside_training_domain"] is True
-    for run, source, shown in zip(record["verification"], verified,
-                                  record["device"]["populations"], strict=True):  # fmt: skip
+    for run, source, shown in zip(
+        record["verification"], verified, record["device"]["populations"], strict=True
+    ):
         assert run["migration_angle_deg"] == source.row["migration_angle_deg"]
         assert run["path_departure_um"] == 0
         assert shown["migration_angle_deg"] == run["migration_angle_deg"]
@@ -126,9 +154,15 @@ def test_csv_has_a_unit_for_every_length_and_angle(files):
     with files["csv"].open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert {r["section"] for r in rows} == {
-        "provenance", "request", "design", "verification 1", "verification 2", "device", "cell 1",
+        "provenance",
+        "request",
+        "design",
+        "verification 1",
+        "verification 2",
+        "device",
+        "cell 1",
         "cell 2",
-    }  # fmt: skip
+    }
     for row in rows:
         if row["quantity"].endswith("_um"):
             assert row["unit"].endswith("µm")
@@ -145,9 +179,15 @@ def test_csv_has_a_unit_for_every_length_and_angle(files):
 
 @pytest.mark.parametrize(
     ("quantity", "unit"),
-    [("wall_time_s", "s"), ("mean_velocity_mm_s", "mm/s"), ("array_length_mm", "mm"),
-     ("t_ms", "ms"), ("exit_um", "µm"), ("seed", "")],
-)  # fmt: skip
+    [
+        ("wall_time_s", "s"),
+        ("mean_velocity_mm_s", "mm/s"),
+        ("array_length_mm", "mm"),
+        ("t_ms", "ms"),
+        ("exit_um", "µm"),
+        ("seed", ""),
+    ],
+)
 def test_units_by_name(quantity, unit):
     assert describe(quantity)[0] == unit
 
@@ -183,8 +223,15 @@ def test_a_run_without_an_angle_leaves_the_prediction(verified):
 def test_a_run_of_another_array_is_refused(verified, tmp_path):
     for changed in ({"gap_um": 12.002}, {"periodicity": 5}):
         with pytest.raises(DldsimError, match="the verifying r_s1 has"):
-            export_design("d-01", {**DESIGN, **changed}, REQUEST, DEVICE, tmp_path, about=ABOUT,
-                          verified=verified)  # fmt: skip
+            export_design(
+                "d-01",
+                {**DESIGN, **changed},
+                REQUEST,
+                DEVICE,
+                tmp_path,
+                about=ABOUT,
+                verified=verified,
+            )
     assert not list(tmp_path.iterdir())
 
 

@@ -52,8 +52,12 @@ def gds_centres(top):
 
 def dxf_circles(document):
     inserts = document.modelspace().query("INSERT")
-    return [circle for insert in inserts for one in insert.multi_insert()
-            for circle in one.virtual_entities()]  # fmt: skip
+    return [
+        circle
+        for insert in inserts
+        for one in insert.multi_insert()
+        for circle in one.virtual_entities()
+    ]
 
 
 def measure(centres, radius):
@@ -162,11 +166,20 @@ def test_three_streams_enter_and_two_leave(made):
 
 def test_label_names_the_design(made):
     (radius, gap, periodicity), top, document = made
-    for texts in ([label.text for label in top.labels],
-                  [t.dxf.text for t in document.modelspace().query("TEXT")]):  # fmt: skip
+    for texts in (
+        [label.text for label in top.labels],
+        [t.dxf.text for t in document.modelspace().query("TEXT")],
+    ):
         text = " ".join(texts)
-        for part in ("a-design-01", f"P_r {radius:.3f}", f"P_g {gap:.3f}", f"N_p {periodicity}",
-                     f"eps 1/{periodicity}", "cell 1: 0.40 deg", "cell 2: 4.00 deg"):  # fmt: skip
+        for part in (
+            "a-design-01",
+            f"P_r {radius:.3f}",
+            f"P_g {gap:.3f}",
+            f"N_p {periodicity}",
+            f"eps 1/{periodicity}",
+            "cell 1: 0.40 deg",
+            "cell 2: 4.00 deg",
+        ):
             assert part in text
     assert len(on_layer(top, "label")) > 20 and len(on_layer(top, "alignment")) == 4
 
@@ -276,10 +289,17 @@ def test_picture_shows_the_file(tmp_path):
     ("device", "message"),
     [
         ({"array_length_mm": 0.1}, "array_length_mm = 0.1 holds 3 rows.*one period of 8.*0.208 mm"),
-        ({"array_width_mm": 0.08, "sample_position_mm": 0.04, "sample_width_um": 10,
-          "divider_um": 5}, "array_width_mm = 0.08 holds 2 pillars"),
+        (
+            {
+                "array_width_mm": 0.08,
+                "sample_position_mm": 0.04,
+                "sample_width_um": 10,
+                "divider_um": 5,
+            },
+            "array_width_mm = 0.08 holds 2 pillars",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_device_too_small_is_refused(device, message):
     with pytest.raises(DldsimError, match=message):
         layout_of(6, 14, 8, Device(**device))

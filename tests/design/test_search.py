@@ -27,8 +27,11 @@ class Known:
 
     def predict(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
         values = np.broadcast_arrays(
-            *(np.atleast_1d(np.asarray(v, float)) for v in (
-                pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)))
+            *(
+                np.atleast_1d(np.asarray(v, float))
+                for v in (pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)
+            )
+        )
         return np.asarray(self.angle(*values), float)
 
     def predict_interval(self, *at):
@@ -64,11 +67,19 @@ def hill(r, g, n, d, cell):
 
 
 def ask(**changes):
-    return DesignRequest(**{
-        "name": "test", "deformation_index_1": 0.5, "deformation_index_2": 0.8,
-        "pillar_radius_um": (5, 10), "gap_um": (14, 22), "periodicity": (4, 12), "trials": 80,
-        "objective": "separation",
-    } | changes)
+    return DesignRequest(
+        **{
+            "name": "test",
+            "deformation_index_1": 0.5,
+            "deformation_index_2": 0.8,
+            "pillar_radius_um": (5, 10),
+            "gap_um": (14, 22),
+            "periodicity": (4, 12),
+            "trials": 80,
+            "objective": "separation",
+        }
+        | changes
+    )
 
 
 def test_search_finds_what_the_grid_finds():
@@ -132,8 +143,11 @@ def test_tolerance_of_a_plane_by_hand():
 
 
 def test_reversed_order_within_the_tolerance_is_negative():
-    row = found(Known(lambda r, g, n, d, cell: d * (r - 7)),
-                ask(trials=20, pillar_radius_um=(7.0, 7.3)), seed=1)[0].iloc[0]
+    row = found(
+        Known(lambda r, g, n, d, cell: d * (r - 7)),
+        ask(trials=20, pillar_radius_um=(7.0, 7.3)),
+        seed=1,
+    )[0].iloc[0]
     assert row["separation_tolerance_min_deg"] < 0 < row["separation_deg"]
 
 
@@ -193,15 +207,24 @@ def test_real_surrogate_separates_soft_from_stiff():
     soft = ask(deformation_index_1=0.5, deformation_index_2=0.78, periodicity=(4, 10), trials=40)
     row = found(fitted, soft, seed=1, safety=2.0)[0].iloc[0]
     assert row["inside_training_domain"] and row["angle_1_deg"] > row["angle_2_deg"]
-    sizes = ask(deformation_index_2=0.5, radius_1_um=6, radius_2_um=9, periodicity=(4, 10),
-                trials=40)
+    sizes = ask(
+        deformation_index_2=0.5, radius_1_um=6, radius_2_um=9, periodicity=(4, 10), trials=40
+    )
     row = found(fitted, sizes, seed=1, safety=2.0)[0].iloc[0]
     assert row["angle_2_deg"] > row["angle_1_deg"]
     # the same request with every length halved is the same device
-    half = ask(deformation_index_2=0.5, radius_1_um=3, radius_2_um=4.5, periodicity=(4, 10),
-               trials=40, pillar_radius_um=(2.5, 5), gap_um=(7, 11))
+    half = ask(
+        deformation_index_2=0.5,
+        radius_1_um=3,
+        radius_2_um=4.5,
+        periodicity=(4, 10),
+        trials=40,
+        pillar_radius_um=(2.5, 5),
+        gap_um=(7, 11),
+    )
     assert found(fitted, half, seed=1, safety=1.0)[0].iloc[0]["separation_deg"] == pytest.approx(
-        row["separation_deg"], rel=0.05)
+        row["separation_deg"], rel=0.05
+    )
 
 
 def test_designs_closer_than_their_uncertainty_share_a_rank():
@@ -267,21 +290,31 @@ def test_robust_separation_of_a_line_by_hand():
 def test_spread_of_the_cells_counts():
     """θ = 10 DI: the second cell's ± 0.1 is ± 1° on a separation of 3°."""
     line = Known(lambda r, g, n, d, cell: 10 * d, half=0.0)
-    spread = ask(objective="robust", draws=4096, tolerance_um=0, deformation_index_1=0.4,
-                 deformation_index_2=0.6, deformation_index_std_2=0.05)
+    spread = ask(
+        objective="robust",
+        draws=4096,
+        tolerance_um=0,
+        deformation_index_1=0.4,
+        deformation_index_2=0.6,
+        deformation_index_std_2=0.05,
+    )
     at = np.array([7.0]), np.array([16.0]), np.array([8])
     assert Task(line, spread, CHIP, 1).robust(*at)[0] == pytest.approx(2 - 1.2816 * 0.5, abs=0.02)
 
 
 def test_robust_search_avoids_the_sharp_optimum():
     """A summit of 3° narrower than the tolerance, and a plain of 1.5°."""
+
     def landscape(r, g, n, d, cell):
         return d * np.where(np.abs(r - 7) < 0.2, 10.0, np.where(r > 8, 5.0, 0.0))
 
-    wants = {name: ask(objective=name, trials=150, tolerance_um=0.6)
-             for name in ("separation", "robust")}
-    best = {name: found(Known(landscape, half=0.01), want, seed=1)[0].iloc[0]
-            for name, want in wants.items()}
+    wants = {
+        name: ask(objective=name, trials=150, tolerance_um=0.6) for name in ("separation", "robust")
+    }
+    best = {
+        name: found(Known(landscape, half=0.01), want, seed=1)[0].iloc[0]
+        for name, want in wants.items()
+    }
     assert best["separation"]["separation_deg"] == pytest.approx(3.0)
     assert best["robust"]["separation_deg"] == pytest.approx(1.5)
     assert best["robust"]["robust_separation_deg"] == pytest.approx(1.5, abs=0.1)
@@ -289,6 +322,7 @@ def test_robust_search_avoids_the_sharp_optimum():
 
 def test_an_open_order_is_no_reason_to_choose_no_separation():
     """The error exceeds every separation, most of all where there is none at all."""
+
     def landscape(r, g, n, d, cell):
         return d * (r - 5)
 
@@ -304,6 +338,7 @@ def test_an_open_order_is_no_reason_to_choose_no_separation():
 
 def test_probability_of_another_mode():
     """The first cell bumps above P_r = 7; at 7 with ± 0.5, half of the draws are below."""
+
     def step(r, g, n, d, cell):
         return np.where((r > 7) & (d < 0.7), np.degrees(np.arctan(1 / n)), 0.0)
 
@@ -348,7 +383,8 @@ def test_tolerances_of_a_plane_by_hand():
     assert change["gap_um", -0.5] == pytest.approx(-0.3)
     assert change["edge_um", 0.5] == pytest.approx(0.15 - 0.6)
     assert change["deformation_index_1", 0.01] == pytest.approx(
-        -0.01 * (design["pillar_radius_um"] + 2 * design["gap_um"]))
+        -0.01 * (design["pillar_radius_um"] + 2 * design["gap_um"])
+    )
     assert table["sensitivity_deg_per_unit"]["gap_um", 0.5] == pytest.approx(0.6)
     assert "deformation_index_2" not in table.index.get_level_values(0)  # no spread given
 
@@ -365,8 +401,11 @@ def test_slices_pass_through_the_best_candidate():
         assert sorted(set(table["x"])) == list(range(4, 13))
 
 
-FIXED = [{"gap_um": (16, 16)}, {"pillar_radius_um": (7, 7), "periodicity": (8, 8)},
-         {"pillar_radius_um": (7, 7), "gap_um": (16, 16), "periodicity": (8, 8)}]
+FIXED = [
+    {"gap_um": (16, 16)},
+    {"pillar_radius_um": (7, 7), "periodicity": (8, 8)},
+    {"pillar_radius_um": (7, 7), "gap_um": (16, 16), "periodicity": (8, 8)},
+]
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "grid"])
@@ -386,6 +425,7 @@ def test_fixed_dimensions_have_no_slices(bounds, sampler):
 
 def test_arrays_near_a_transition_are_apart_where_a_dimension_is_fixed():
     """A fixed gap that differs from all known ones must not drown the other distances."""
+
     def ramp(r, g, n, d, cell):
         return np.degrees(np.arctan(np.clip((r - 5) / 4, 0, 1) / n))
 
@@ -417,16 +457,18 @@ def make_flows(height=20.0):
 def test_resistance_of_arrays_on_one_line_stays_sane_off_it():
     # The source's arrays, P_g = P_r + 10 µm: the quadratic is not decided across that line.
     radius = np.repeat([4.0, 6.0, 8.0, 10.0, 11.0, 12.0], 3)
-    flows = pd.DataFrame({"pillar_radius_um": radius, "gap_um": radius + 10,
-                          "periodicity": np.tile([4, 8, 12], 6)})  # fmt: skip
+    flows = pd.DataFrame(
+        {"pillar_radius_um": radius, "gap_um": radius + 10, "periodicity": np.tile([4, 8, 12], 6)}
+    )
 
     def drag(radius, gap):
         pitch = 2 * radius + gap
         return 3e-3 * pitch**2 * (gap / pitch) ** -2
 
     noise = 1 + 0.01 * np.cos(np.arange(len(flows)) ** 2)
-    flows = flows.assign(drag_over_mu_U=noise * drag(radius, radius + 10), height_um=20.0,
-                         drive="no-lateral-flux")  # fmt: skip
+    flows = flows.assign(
+        drag_over_mu_U=noise * drag(radius, radius + 10), height_um=20.0, drive="no-lateral-flux"
+    )
     resistance = Resistance(flows)
     assert "larger elsewhere" in resistance.basis
     # Nothing is known there but the order of magnitude; the undamped fit said 1e-90 to infinity.
@@ -486,6 +528,7 @@ def test_flows_of_several_heights_are_refused():
 
 def test_transition_arrays_are_near_one_and_apart():
     """The share of the bump displacement rises with P_r from 0 at 5 to 1 at 9 µm."""
+
     def ramp(r, g, n, d, cell):
         return np.degrees(np.arctan(np.clip((r - 5) / 4, 0, 1) / n))
 

@@ -10,19 +10,42 @@ from dldsim.laws import whole_shift_spacing
 from dldsim.solver.pillars import next_finer
 
 
-def pair(first, second, spread=0.1, status="decided", spacing_um=1.1, lag=0.15, basis="modelled",
-         modes=("zigzag", "bump")):  # fmt: skip
-    return [{"migration_angle_deg": angle, "sigma_num_basis": basis, "mode": mode,
-             "angle_spread_deg": spread, "status": status,
-             "angle_low_deg": angle and angle - 0.2, "angle_high_deg": angle and angle + 0.2,
-             "stop_reason": "why", "spacing_um": spacing_um, "lag_number": lag}
-            for angle, mode in zip((first, second), modes, strict=True)]  # fmt: skip
+def pair(
+    first,
+    second,
+    spread=0.1,
+    status="decided",
+    spacing_um=1.1,
+    lag=0.15,
+    basis="modelled",
+    modes=("zigzag", "bump"),
+):
+    return [
+        {
+            "migration_angle_deg": angle,
+            "sigma_num_basis": basis,
+            "mode": mode,
+            "angle_spread_deg": spread,
+            "status": status,
+            "angle_low_deg": angle and angle - 0.2,
+            "angle_high_deg": angle and angle + 0.2,
+            "stop_reason": "why",
+            "spacing_um": spacing_um,
+            "lag_number": lag,
+        }
+        for angle, mode in zip((first, second), modes, strict=True)
+    ]
 
 
 def verdict(found, sigma, finer):
     first, second = (row["migration_angle_deg"] for row in found)
-    difference = {"simulated_deg": second - first, "sigma_num_deg": sigma,
-                  "predicted_deg": 2.0, "verdict": "predicted so", "note": ""}  # fmt: skip
+    difference = {
+        "simulated_deg": second - first,
+        "sigma_num_deg": sigma,
+        "predicted_deg": 2.0,
+        "verdict": "predicted so",
+        "note": "",
+    }
     return design_verdict(difference, found, finer, separated(found, sigma, finer))
 
 
@@ -65,7 +88,8 @@ def test_a_finer_setting_settles_a_mode_that_is_open_by_sigma_num():
     near = pair(1.0, 7.1, basis="modelled: spans the modes, 0.6 σ from the transition")
     assert parts(near, 3.6) is None and separated(near, 3.6, None) is None
     assert verdict(near, 3.6, None).startswith(
-        "open, 6.10°: near a transition, σ_num 3.60° reaches another mode")
+        "open, 6.10°: near a transition, σ_num 3.60° reaches another mode"
+    )
     assert separated(near, 3.6, pair(0.9, 7.1)) is True
     assert verdict(near, 3.6, pair(0.9, 7.1)).startswith("separates by 6.10 ± 3.60°")
     # Not one that is undecided itself, of another mode, of another order, or within the spread.
@@ -82,7 +106,8 @@ def test_the_verdict_says_which_settings_agreed():
     words = verdict(pair(1.0, 5.0), 0.5, finer)
     assert words.startswith("separates by 4.00 ± 0.50°, 4.30° at spacing 0.85 µm and Re 0.07")
     assert verdict(pair(1.0, 5.0), 0.5, None).startswith(
-        "separates by 4.00 ± 0.50° at this setting; not confirmed at a finer one")
+        "separates by 4.00 ± 0.50° at this setting; not confirmed at a finer one"
+    )
     finer = pair(5.2, 5.3, spacing_um=0.85, lag=0.07)
     assert verdict(pair(1.0, 5.0), 0.5, finer).startswith("does not separate: 4.00° but 0.10°")
     assert "spread of the releases" in verdict(pair(1.0, 3.0, spread=1.1), 0.5, None)

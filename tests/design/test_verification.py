@@ -21,13 +21,21 @@ from dldsim.tables.registry import COLUMNS
 from tests.design.test_search import CHIP, Known, ask
 from tests.experiments.test_vtk import SOFT
 
-OUTCOMES = pd.DataFrame({
-    "outcome_id": ["r1", "r2"], "pillar_radius_um": [5.0, 9.0], "gap_um": [14.0, 20.0],
-    "periodicity": [4, 12], "migration_angle_deg": [1.0, 2.0], "deformation_index": [0.5, 0.8],
-})
+OUTCOMES = pd.DataFrame(
+    {
+        "outcome_id": ["r1", "r2"],
+        "pillar_radius_um": [5.0, 9.0],
+        "gap_um": [14.0, 20.0],
+        "periodicity": [4, 12],
+        "migration_angle_deg": [1.0, 2.0],
+        "deformation_index": [0.5, 0.8],
+    }
+)
 REQUEST = ask(trials=25, startup_trials=10, height_tolerance_um=1.0)
-PEOPLE = [Population(i, f"test-{i}", index, 0.0, 7.5, SOFT, "by hand")
-          for i, index in ((1, 0.5), (2, 0.8))]  # fmt: skip
+PEOPLE = [
+    Population(i, f"test-{i}", index, 0.0, 7.5, SOFT, "by hand")
+    for i, index in ((1, 0.5), (2, 0.8))
+]
 
 
 def summit(r, g, n, d, cell):
@@ -47,19 +55,31 @@ class Nature:
 
     def __call__(self, geometry, population, height_um, finer=False):
         self.asked.append((geometry, population.number, height_um))
-        angle = float(self.angle(geometry.pillar_radius_um, geometry.gap_um, geometry.periodicity,
-                                 population.deformation_index, population.radius_um))
+        angle = float(
+            self.angle(
+                geometry.pillar_radius_um,
+                geometry.gap_um,
+                geometry.periodicity,
+                population.deformation_index,
+                population.radius_um,
+            )
+        )
         angle += 0.1 * (height_um - 20.0) * population.number
         known = self.status not in ("stuck", "failed")
         return {
-            "outcome_id": f"outcome-{len(self.asked)}", **geometry.model_dump(),
+            "outcome_id": f"outcome-{len(self.asked)}",
+            **geometry.model_dump(),
             "migration_angle_deg": angle if known else None,
             "deformation_index": population.deformation_index,
             "sigma_num_deg": self.sigma if known else None,
             "mode": mode_of(angle, geometry.row_shift_fraction) if known else "none",
-            "status": self.status, "stop_reason": "why", "wall_time_s": 2.0,
-            "angle_spread_deg": 0.0, "spacing_um": 0.9 if finer else 1.25, "lag_number": 0.1,
-        }  # fmt: skip
+            "status": self.status,
+            "stop_reason": "why",
+            "wall_time_s": 2.0,
+            "angle_spread_deg": 0.0,
+            "spacing_um": 0.9 if finer else 1.25,
+            "lag_number": 0.1,
+        }
 
 
 def check(surrogate, nature, fit=None, request=REQUEST, chip=CHIP, **budget):
@@ -89,7 +109,8 @@ def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
     rows = at_setting.set_index(["array", "population"])
     for array in (1, 2):
         assert rows["simulated_deg"][array, "difference"] == pytest.approx(
-            rows["simulated_deg"][array, "2"] - rows["simulated_deg"][array, "1"])
+            rows["simulated_deg"][array, "2"] - rows["simulated_deg"][array, "1"]
+        )
         assert rows["sigma_num_deg"][array, "difference"] == pytest.approx(0.05 * math.sqrt(2))
     assert verdicts.designs["separation_deg"].is_monotonic_decreasing
 
@@ -127,8 +148,9 @@ def test_candidates_simulated_before_end_the_rounds():
 
 def test_budget_is_never_exceeded():
     nature = Nature(flat)
-    verdicts = check(Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5,
-                    height_runs=True)
+    verdicts = check(
+        Known(summit), nature, rounds=9, designs_per_round=3, outcomes_max=5, height_runs=True
+    )
     assert len(nature.asked) == 4
     assert verdicts.designs["stop"].iloc[0] == "budget"
     assert verdicts.designs["stopped"].iloc[0] == "round 1: budget of 5 outcomes spent"
@@ -148,8 +170,12 @@ def test_an_interval_that_includes_zero_confirms_nothing_and_the_rounds_go_on():
 
 
 def test_a_separation_within_the_numerical_uncertainty_is_none():
-    verdicts = check(Known(summit), Nature(lambda r, g, n, d, cell: 0.2 * d, sigma=0.5), rounds=1,
-                    designs_per_round=1)
+    verdicts = check(
+        Known(summit),
+        Nature(lambda r, g, n, d, cell: 0.2 * d, sigma=0.5),
+        rounds=1,
+        designs_per_round=1,
+    )
     best = verdicts.designs.iloc[0]
     assert not best["separates"] and best["verdict"].startswith("does not separate")
     unknown = check(Known(summit), Nature(summit, sigma=None), rounds=1, designs_per_round=1)
@@ -158,8 +184,13 @@ def test_a_separation_within_the_numerical_uncertainty_is_none():
 
 
 def test_a_cell_that_clogs_is_a_result():
-    verdicts = check(Known(summit), Nature(summit, status="stuck"), rounds=1, designs_per_round=1,
-                    height_runs=True)
+    verdicts = check(
+        Known(summit),
+        Nature(summit, status="stuck"),
+        rounds=1,
+        designs_per_round=1,
+        height_runs=True,
+    )
     table = differences(verdicts)
     assert table["agrees"].tolist() == [None]
     best = verdicts.designs.iloc[0]
@@ -183,8 +214,12 @@ def test_nothing_is_compared_outside_the_training_geometries():
 
 
 def test_the_opposite_order_is_told():
-    verdicts = check(Known(summit), Nature(lambda r, g, n, d, cell: -3 * d * (r - 5)), rounds=1,
-                    designs_per_round=1)
+    verdicts = check(
+        Known(summit),
+        Nature(lambda r, g, n, d, cell: -3 * d * (r - 5)),
+        rounds=1,
+        designs_per_round=1,
+    )
     assert "in the opposite order" in verdicts.designs["verdict"].iloc[0]
     assert (verdicts.designs["separation_deg"] > 0).all()
 
@@ -218,16 +253,28 @@ def test_pressure_and_length_of_a_design_by_hand():
     def resistance(geometry):
         return {"permeability_over_pitch2": 0.01, "drag_over_mu_U": 100.0}
 
-    budget = Budget(rounds=1, designs_per_round=1, transition_geometries=0, height_runs=False,
-                    finer_designs=0)
-    verdicts = verify(Known(summit), OUTCOMES, REQUEST, CHIP, budget, PEOPLE, Nature(summit), 1,
-                     fit=lambda outcomes, seed: Known(summit), resistance=resistance)  # fmt: skip
+    budget = Budget(
+        rounds=1, designs_per_round=1, transition_geometries=0, height_runs=False, finer_designs=0
+    )
+    verdicts = verify(
+        Known(summit),
+        OUTCOMES,
+        REQUEST,
+        CHIP,
+        budget,
+        PEOPLE,
+        Nature(summit),
+        1,
+        fit=lambda outcomes, seed: Known(summit),
+        resistance=resistance,
+    )
     best = verdicts.designs.iloc[0]
     slopes = np.tan(np.radians([best["angle_1_deg"], best["angle_2_deg"]]))
     assert best["length_mm"] == pytest.approx(0.1 / (slopes[1] - slopes[0]))
     pitch = 2 * best["pillar_radius_um"] + best["gap_um"]
     assert best["pressure_drop_kPa"] == pytest.approx(
-        100 * 1.5 * 0.5 * best["length_mm"] / pitch**2)
+        100 * 1.5 * 0.5 * best["length_mm"] / pitch**2
+    )
     assert best["permeability_over_pitch2"] == 0.01
 
 
@@ -235,8 +282,10 @@ def test_tables_can_be_written(tmp_path):
     """Of a confirmed, a missed and a stuck design, null where nothing was measured."""
     for i, nature in enumerate((Nature(summit), Nature(flat), Nature(summit, status="stuck"))):
         verdicts = check(Known(summit), nature, rounds=2, height_runs=True, transition_geometries=1)
-        for kind, table in (("verifications", verdicts.verifications),
-                            ("verified_designs", verdicts.designs)):
+        for kind, table in (
+            ("verifications", verdicts.verifications),
+            ("verified_designs", verdicts.designs),
+        ):
             write_table(kind, plain(table), tmp_path / f"{kind}{i}.parquet", {})
 
 
@@ -247,12 +296,22 @@ SETS = {
     "soft": SOFT.model_copy(update={"ks_uN_per_m": 5.0, "kb_pN_um": 0.1}),
     "stiff": SOFT.model_copy(update={"ks_uN_per_m": 15.0, "kb_pN_um": 0.3}),
 }
-CALIBRATION = pd.DataFrame([
-    {"design": "group-velocity", "group": g, "stiffness_set": s, "ks_uN_per_m": k, "kb_pN_um": b,
-     "kal_uN_per_m": 2 * k, "velocity_mm_s": 1.0, "deformation_index": d,
-     "deformation_index_std": 0.0}
-    for g, s, k, b, d in (("G1", "soft", 5.0, 0.1, 0.4), ("G2", "stiff", 15.0, 3.0, 0.8))
-])  # fmt: skip
+CALIBRATION = pd.DataFrame(
+    [
+        {
+            "design": "group-velocity",
+            "group": g,
+            "stiffness_set": s,
+            "ks_uN_per_m": k,
+            "kb_pN_um": b,
+            "kal_uN_per_m": 2 * k,
+            "velocity_mm_s": 1.0,
+            "deformation_index": d,
+            "deformation_index_std": 0.0,
+        }
+        for g, s, k, b, d in (("G1", "soft", 5.0, 0.1, 0.4), ("G2", "stiff", 15.0, 3.0, 0.8))
+    ]
+)
 
 
 def test_a_named_set_is_simulated_as_it_is():
@@ -261,8 +320,12 @@ def test_a_named_set_is_simulated_as_it_is():
     assert first.stiffness == SETS["soft"] and first.basis == "stiffness set soft"
     assert first.deformation_index == 0.4
     with pytest.raises(DldsimError, match="stiffness_set_1 = other was not .* soft, stiff"):
-        make_populations(ask(deformation_index_1=None, stiffness_set_1="other"),
-                         ask(deformation_index_1=0.4), CALIBRATION, SETS)
+        make_populations(
+            ask(deformation_index_1=None, stiffness_set_1="other"),
+            ask(deformation_index_1=0.4),
+            CALIBRATION,
+            SETS,
+        )
     # k_b is the sets', not the group's, which differs as in the source's table
     assert second.stiffness == SETS["stiff"] and "inverse of the calibration" in second.basis
 
@@ -277,8 +340,12 @@ def test_a_deformation_index_between_sets_is_interpolated():
         make_populations(ask(), ask(deformation_index_2=0.85), CALIBRATION, SETS)
 
 
-SCENE = Scene(CellShape(radius_um=5.0), Flow(height_um=12.0), Numerics(),
-              RunControl(max_rows=2, release_gap_fractions=[0.5, 0.4]))
+SCENE = Scene(
+    CellShape(radius_um=5.0),
+    Flow(height_um=12.0),
+    Numerics(),
+    RunControl(max_rows=2, release_gap_fractions=[0.5, 0.4]),
+)
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 SMALL = Population(1, "small-1", 0.5, 0.0, 4.0, SOFT, "by hand")
 
@@ -315,8 +382,9 @@ def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
     for changed in (
         lambda: again(GEOMETRY, stiffer, 12.0),
         lambda: again(GEOMETRY, SMALL, 13.0),
-        lambda: Simulator(simulator.directory,
-                          SCENE._replace(control=RunControl(max_rows=3)))(GEOMETRY, SMALL, 12.0),
+        lambda: Simulator(simulator.directory, SCENE._replace(control=RunControl(max_rows=3)))(
+            GEOMETRY, SMALL, 12.0
+        ),
     ):
         with pytest.raises(AssertionError, match="simulated again"):
             changed()
@@ -368,8 +436,9 @@ def test_flow_of_a_design_is_kept(simulated, monkeypatch):
 
 
 def test_outcomes_of_other_conditions_are_refused():
-    runs = pd.DataFrame({"cell_shape": ["biconcave"], "height_um": [15.0],
-                         "mean_velocity_mm_s": [0.5]})
+    runs = pd.DataFrame(
+        {"cell_shape": ["biconcave"], "height_um": [15.0], "mean_velocity_mm_s": [0.5]}
+    )
     with pytest.raises(DldsimError, match="height_um = 15.0, the configuration has 12.0"):
         conditions(runs, SCENE)
     with pytest.raises(DldsimError, match="lacks the column height_um"):

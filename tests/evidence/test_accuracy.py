@@ -20,18 +20,24 @@ BUMP = math.degrees(math.atan(1 / 4))
 
 
 def study(**changes):
-    return Accuracy(**{
-        "migration_angle": {
-            "cases": {"one": ONE}, "other_starts": [0.4], "long_rows": 60,
-            "knobs": {"spacing_um": [2.0, 1.25, 0.5], "max_rows": [8, 50], "axis": ["z", "y"]},
-            "alternatives": {"cheap": {"spacing_um": 2.0, "velocity_lu": 0.05}},
-            "reference": {"spacing_um": 0.5, "rows": 2},
-        },
-        "deformation_index": {
-            "cases": ["G1"], "knobs": {"spacing_um": [2.0, 1.0], "release_position_um": [3.0, 0.0]},
-            "reference": {"velocity_lu": 0.005, "spacing_um": 0.8},
-        },
-    } | changes)  # fmt: skip
+    return Accuracy(
+        **{
+            "migration_angle": {
+                "cases": {"one": ONE},
+                "other_starts": [0.4],
+                "long_rows": 60,
+                "knobs": {"spacing_um": [2.0, 1.25, 0.5], "max_rows": [8, 50], "axis": ["z", "y"]},
+                "alternatives": {"cheap": {"spacing_um": 2.0, "velocity_lu": 0.05}},
+                "reference": {"spacing_um": 0.5, "rows": 2},
+            },
+            "deformation_index": {
+                "cases": ["G1"],
+                "knobs": {"spacing_um": [2.0, 1.0], "release_position_um": [3.0, 0.0]},
+                "reference": {"velocity_lu": 0.005, "spacing_um": 0.8},
+            },
+        }
+        | changes
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,15 +60,29 @@ def interval(angle, half):
 def row(angle, run=ONE, **changes):
     """A row of `runs` as far as the study reads it."""
     return {
-        "run_id": f"{run}--default--0--0", "migration_angle_deg": angle, "bump_angle_deg": BUMP,
+        "run_id": f"{run}--default--0--0",
+        "migration_angle_deg": angle,
+        "bump_angle_deg": BUMP,
         "mode": "zigzag" if angle is not None else "none",
         "status": "periodic" if angle is not None else "unstable",
         **interval(angle, 0.196),
-        "wall_time_s": 6.0, "steps": 600, "nodes": 3, "vertices": 4, "spacing_um": 1.25,
-        "rows_completed": 60, "lateral_steps_um": zigzag(60), "pitch_um": 20.0, "periodicity": 4,
-        "pillar_radius_um": 5.0, "gap_um": 20.0, "stiffness_set": "1", "cell_shape": "biconcave",
-        "cell_radius_um": 7.5, "height_um": 20.0, "mean_velocity_mm_s": 0.5,
-    } | changes  # fmt: skip
+        "wall_time_s": 6.0,
+        "steps": 600,
+        "nodes": 3,
+        "vertices": 4,
+        "spacing_um": 1.25,
+        "rows_completed": 60,
+        "lateral_steps_um": zigzag(60),
+        "pitch_um": 20.0,
+        "periodicity": 4,
+        "pillar_radius_um": 5.0,
+        "gap_um": 20.0,
+        "stiffness_set": "1",
+        "cell_shape": "biconcave",
+        "cell_radius_um": 7.5,
+        "height_um": 20.0,
+        "mean_velocity_mm_s": 0.5,
+    } | changes
 
 
 def channel(index):
@@ -81,8 +101,15 @@ def test_each_run_once_from_each_start(config):
     runs = accuracy.variants(config)
     assert len(set(runs)) == len(runs)
     points = [(v.knob, v.rank) for v in runs if v.run == ONE and v.start == 1]
-    assert points == [(DEFAULT, 0), ("spacing_um", 0), ("spacing_um", 2), (LONG, 0), ("axis", 0),
-                      (SETTING, 0), (REFERENCE, 0)]  # fmt: skip
+    assert points == [
+        (DEFAULT, 0),
+        ("spacing_um", 0),
+        ("spacing_um", 2),
+        (LONG, 0),
+        ("axis", 0),
+        (SETTING, 0),
+        (REFERENCE, 0),
+    ]
     assert {v.start for v in runs if v.run == "G1"} == {0}
 
 
@@ -106,9 +133,11 @@ def test_a_variant_changes_what_it_names(config):
 
 @pytest.mark.parametrize(
     ("part", "knobs", "word"),
-    [("migration_angle", {"colour": [1, 2]}, "colour"),
-     ("migration_angle", {"release_gap_fraction": [0.4, 0.5]}, "other_starts"),
-     ("deformation_index", {"rows": [1, 2], "gap_um": [1, 2]}, "gap_um")],
+    [
+        ("migration_angle", {"colour": [1, 2]}, "colour"),
+        ("migration_angle", {"release_gap_fraction": [0.4, 0.5]}, "other_starts"),
+        ("deformation_index", {"rows": [1, 2], "gap_um": [1, 2]}, "gap_um"),
+    ],
 )
 def test_an_impossible_knob_is_named(config, part, knobs, word):
     changed = study(**{part: {"knobs": knobs}})
@@ -122,11 +151,14 @@ def test_an_impossible_knob_is_named(config, part, knobs, word):
         ("migration_angle", {"rows": [1, 100]}, "numerics.rows"),
         ("migration_angle", {"spacing_um": [20.0, 1.25]}, "gap_um"),
         ("deformation_index", {"release_position_um": [-3.0, 0.0]}, "release_positions_um.0"),
-        ("deformation_index", {"release_position_um": [20.0, 0.0]},
-         "constriction.release_positions_um"),
+        (
+            "deformation_index",
+            {"release_position_um": [20.0, 0.0]},
+            "constriction.release_positions_um",
+        ),
         ("deformation_index", {"throat_width_um": [50.0, 8.0]}, "constriction.throat_width_um"),
     ],
-)  # fmt: skip
+)
 def test_a_value_that_no_run_can_have_is_refused(config, part, knobs, key):
     cases = {"migration_angle": {"one": ONE}, "deformation_index": ["G1"]}[part]
     changed = study(**{part: {"cases": cases, "knobs": knobs}})
@@ -165,15 +197,25 @@ def test_a_broken_run_is_not_replayed():
 def runs(config):
     """Angles of the two starts by point, and indices."""
     angles = {
-        (DEFAULT, 0): (1.0, 1.2), ("spacing_um", 0): (3.0, 3.0), ("spacing_um", 2): (0.5, 0.5),
-        (LONG, 0): (0.0, 0.0), ("axis", 0): (1.1, None), (SETTING, 0): (2.0, 2.2),
+        (DEFAULT, 0): (1.0, 1.2),
+        ("spacing_um", 0): (3.0, 3.0),
+        ("spacing_um", 2): (0.5, 0.5),
+        (LONG, 0): (0.0, 0.0),
+        ("axis", 0): (1.1, None),
+        (SETTING, 0): (2.0, 2.2),
         (REFERENCE, 0): (0.2, 0.4),
-    }  # fmt: skip
-    found = {Variant(ONE, *point, start): row(angle)
-             for point, pair in angles.items() for start, angle in enumerate(pair)}
-    found |= {Variant("G1", DEFAULT): channel(0.70), Variant("G1", "spacing_um", 0): channel(0.73),
-              Variant("G1", "release_position_um", 0): channel(0.71),
-              Variant("G1", REFERENCE): channel(0.75)}
+    }
+    found = {
+        Variant(ONE, *point, start): row(angle)
+        for point, pair in angles.items()
+        for start, angle in enumerate(pair)
+    }
+    found |= {
+        Variant("G1", DEFAULT): channel(0.70),
+        Variant("G1", "spacing_um", 0): channel(0.73),
+        Variant("G1", "release_position_um", 0): channel(0.71),
+        Variant("G1", REFERENCE): channel(0.75),
+    }
     return found
 
 
@@ -217,18 +259,39 @@ def test_rows_are_those_of_the_tables(points, config, runs, tmp_path):
 
 def test_front_holds_what_nothing_beats():
     def point(knob, error, time, kind="setting", default=False, case="a"):
-        return {"quantity": "migration_angle", "kind": kind, "case": case, "knob": knob, "rank": 0,
-                "setting": "{}", "is_default": default, "error_to_reference_share": error,
-                "noise_share": 0.01, "wall_time_s": time, "rows": None, "settled": True}
+        return {
+            "quantity": "migration_angle",
+            "kind": kind,
+            "case": case,
+            "knob": knob,
+            "rank": 0,
+            "setting": "{}",
+            "is_default": default,
+            "error_to_reference_share": error,
+            "noise_share": 0.01,
+            "wall_time_s": time,
+            "rows": None,
+            "settled": True,
+        }
 
-    rows = [point("default", 0.04, 2, default=True), point("cheap", 0.05, 1),
-            point("worse", 0.06, 4), point("careful", 0.01, 8), point("broken", None, 1)]
+    rows = [
+        point("default", 0.04, 2, default=True),
+        point("cheap", 0.05, 1),
+        point("worse", 0.06, 4),
+        point("careful", 0.01, 8),
+        point("broken", None, 1),
+    ]
     twice = [*rows, *({**r, "case": "b", "wall_time_s": 3 * r["wall_time_s"]} for r in rows)]
     table = accuracy_figures.overall(pd.DataFrame(twice), "migration_angle").set_index("knob")
     assert table["front"].to_dict() == {
-        "cheap": True, "default": True, "worse": False, "careful": True}
+        "cheap": True,
+        "default": True,
+        "worse": False,
+        "careful": True,
+    }
     assert table["cost"].to_dict() == pytest.approx(
-        {"cheap": 0.5, "default": 1, "worse": 2, "careful": 4})
+        {"cheap": 0.5, "default": 1, "worse": 2, "careful": 4}
+    )
     slow = [rows[0] | {"rows": 20.0}, rows[1] | {"rows": 40.0}, rows[3] | {"rows": 20.0}]
     per_row = accuracy_figures.overall(pd.DataFrame(slow), "migration_angle").set_index("knob")
     assert per_row["cost"]["cheap"] == pytest.approx(0.25)
@@ -243,6 +306,7 @@ def test_every_figure_draws(points, config, runs):
     for figure in (
         accuracy_figures.draw_knobs(table, "migration_angle"),
         accuracy_figures.draw_knobs(table, "deformation_index"),
-        accuracy_figures.draw_pareto(table), accuracy_figures.draw_gains(table),
+        accuracy_figures.draw_pareto(table),
+        accuracy_figures.draw_gains(table),
     ):
         assert style.render(figure, "svg").startswith(b"<?xml")

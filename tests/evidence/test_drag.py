@@ -31,10 +31,15 @@ def test_slip_is_what_a_sphere_of_six_nodes_lags(kernel):
     assert lag.radius == pytest.approx(6, abs=0.03)
 
 
-@pytest.mark.parametrize("settings", [
-    {"relaxation_time": 1.25}, {"offset": (0.1, 0.3, 0.2)}, {"edge_to_spacing": 0.7},
-    {"edge_to_spacing": 1.4},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"relaxation_time": 1.25},
+        {"offset": (0.1, 0.3, 0.2)},
+        {"edge_to_spacing": 0.7},
+        {"edge_to_spacing": 1.4},
+    ],
+)
 def test_lag_is_that_of_the_kernel_alone(settings):
     lag = lag_under_traction(4, **settings)
     usual = lag_under_traction(4)

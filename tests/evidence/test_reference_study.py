@@ -62,7 +62,12 @@ def test_search_identifiers_are_their_own_inverse(config):
 def test_each_transition_is_searched_at_each_value_once(config):
     found = [s for s in study.searches(config) if s[:3] == SEARCH[:3]]
     assert [(s.knob, s.rank) for s in found] == [
-        (CAMPAIGN, 0), (SPACING, 1), (SPACING, 2), (REYNOLDS, 0), (REYNOLDS, 2)]
+        (CAMPAIGN, 0),
+        (SPACING, 1),
+        (SPACING, 2),
+        (REYNOLDS, 0),
+        (REYNOLDS, 2),
+    ]
     spheres = [s for s in study.searches(config) if s.stiffness_set == SPHERE]
     assert {s.periodicity for s in spheres} == {5, 10, 16}
 
@@ -93,8 +98,11 @@ def test_a_pair_differs_in_what_the_reference_names(config):
     assert own["run_control"] == config.run_control.model_dump(mode="json")
     changed = {"spacing_um": 0.6, "reynolds_max": 0.1}
     places, rows = config.reference.releases, config.reference.rows
-    control = own["run_control"] | {"release_gap_fractions": places, "max_rows": rows,
-                                    "outcome_rows_max": rows * len(places)}
+    control = own["run_control"] | {
+        "release_gap_fractions": places,
+        "max_rows": rows,
+        "outcome_rows_max": rows * len(places),
+    }
     assert finer == own | {"numerics": own["numerics"] | changed, "run_control": control}
 
 
@@ -113,8 +121,9 @@ def test_spheres_are_searched_about_the_law(config):
     for gap in study.transitions(config.reference):
         if gap.stiffness_set != SPHERE:
             continue
-        expected = 2 * config.reference.critical_diameters.radius_um / (
-            1.4 * gap.periodicity**-0.48)
+        expected = (
+            2 * config.reference.critical_diameters.radius_um / (1.4 * gap.periodicity**-0.48)
+        )
         assert gap.bracket_um[0] < expected < gap.bracket_um[1]
         assert gap.pillar_radius_um == pytest.approx(expected / 2, abs=0.05)
 
@@ -134,8 +143,10 @@ def test_nodes_per_row_shift_are_held_within_a_search(gap, spacing):
 def test_every_spacing_of_the_default_plan_is_another_lattice(config):
     """Nodes per row shift in the middle of each bracket rise from spacing to spacing."""
     for gap in study.transitions(config.reference):
-        array = study._array(Search(gap.pillar_radius_um, gap.periodicity, gap.stiffness_set),
-                             sum(gap.bracket_um) / 2)
+        array = study._array(
+            Search(gap.pillar_radius_um, gap.periodicity, gap.stiffness_set),
+            sum(gap.bracket_um) / 2,
+        )
         nodes = [whole_shift_spacing(array, h)[1] for h in config.reference.spacings_um]
         assert nodes[0] < nodes[1] < nodes[2]
 
@@ -143,8 +154,10 @@ def test_every_spacing_of_the_default_plan_is_another_lattice(config):
 def test_every_pair_gets_a_finer_lattice(config):
     for run, name in study.pairs(config):
         array = parse_outcome(run).geometry
-        own, there = (whole_shift_spacing(array, study.study_numerics(n, config)["spacing_um"])[0]
-                      for n in (CAMPAIGN, name))
+        own, there = (
+            whole_shift_spacing(array, study.study_numerics(n, config)["spacing_um"])[0]
+            for n in (CAMPAIGN, name)
+        )
         assert name == CAMPAIGN or there <= own / 1.5
 
 
@@ -178,8 +191,10 @@ def test_a_search_closes_its_bracket_over_the_root(shape, root):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_search_takes_at_most_one_point_more_than_bisection(shape):
     """Two ends, six halvings from 6 µm to below 1 % of 15 µm, and one; four on a line."""
-    counts = [len(search(lambda g, r=root: SHAPES[shape](g, r)))
-              for root in (15.1, 15.3, 16.2, 17.5, 18.9, 20.2, 20.8)]
+    counts = [
+        len(search(lambda g, r=root: SHAPES[shape](g, r)))
+        for root in (15.1, 15.3, 16.2, 17.5, 18.9, 20.2, 20.8)
+    ]
     assert max(counts) <= 2 + 6 + 1 <= study.POINTS
     if shape == "line":
         assert max(counts) == 4
@@ -219,17 +234,30 @@ def test_an_unknown_side_ends_the_search():
 
 def outcome(distance=None, mode="none", status="decided"):
     return {
-        "transition_distance": distance, "mode": mode, "status": status, "spacing_um": 1.15,
-        "migration_angle_deg": 5.0, "lag_number": 0.14, "releases": 2, "wall_time_s": 30.0,
-    }  # fmt: skip
+        "transition_distance": distance,
+        "mode": mode,
+        "status": status,
+        "spacing_um": 1.15,
+        "migration_angle_deg": 5.0,
+        "lag_number": 0.14,
+        "releases": 2,
+        "wall_time_s": 30.0,
+    }
 
 
 @pytest.mark.parametrize(
     ("row", "side"),
-    [(outcome(0.1, "mixed"), -1), (outcome(None, "bump"), 1), (outcome(-0.1, "zigzag"), -1),
-     (outcome(0.1, "mixed", "undecided"), 1), (outcome(-0.1, "bump", "coexisting"), -1),
-     (outcome(None, "bump", "undecided"), 1), (outcome(None, "mixed", "undecided"), -1),
-     (outcome(None, "none", "stuck"), 0), (outcome(0.1, "none", "undecided"), 0)],
+    [
+        (outcome(0.1, "mixed"), -1),
+        (outcome(None, "bump"), 1),
+        (outcome(-0.1, "zigzag"), -1),
+        (outcome(0.1, "mixed", "undecided"), 1),
+        (outcome(-0.1, "bump", "coexisting"), -1),
+        (outcome(None, "bump", "undecided"), 1),
+        (outcome(None, "mixed", "undecided"), -1),
+        (outcome(None, "none", "stuck"), 0),
+        (outcome(0.1, "none", "undecided"), 0),
+    ],
 )
 def test_the_side_is_told_by_the_mode_once_decided_else_by_the_distance(row, side):
     assert study.side_of(row) == side
@@ -246,6 +274,7 @@ def found(simulate, one=SEARCH, config=None, start=None):
 
 def test_a_search_interpolates_its_critical_gap(config):
     """A distance that is a line in the gap is met exactly; spacing and height are those there."""
+
     def simulate(array, numerics):
         spacing, _ = whole_shift_spacing(array, numerics["spacing_um"])
         distance = 0.1 * (17.43 - array.gap_um)
@@ -319,13 +348,21 @@ def gaps_of(config, gap):
     for one in study.searches(config):
         numerics = study.search_settings(one, config)["numerics"]
         spacing, lag = numerics["spacing_um"], numerics["reynolds_max"]
-        rows.append({
-            "search": study.search_id(one), "pillar_radius_um": one.pillar_radius_um,
-            "periodicity": one.periodicity, "stiffness_set": one.stiffness_set,
-            "cell_shape": "biconcave", "cell_radius_um": 7.5, "spacing_um": spacing,
-            "lag_number": lag, "critical_gap_um": gap(spacing, lag), "low_um": 16.99,
-            "high_um": 17.01,
-        })  # fmt: skip
+        rows.append(
+            {
+                "search": study.search_id(one),
+                "pillar_radius_um": one.pillar_radius_um,
+                "periodicity": one.periodicity,
+                "stiffness_set": one.stiffness_set,
+                "cell_shape": "biconcave",
+                "cell_radius_um": 7.5,
+                "spacing_um": spacing,
+                "lag_number": lag,
+                "critical_gap_um": gap(spacing, lag),
+                "low_um": 16.99,
+                "high_um": 17.01,
+            }
+        )
     return rows
 
 
@@ -337,8 +374,9 @@ def test_convergence_of_a_made_up_study(config):
         order, error = {SPACING: (2, 0.4 * 1.25**2), REYNOLDS: (1, -3 * 0.15)}[row["knob"]]
         assert row["observed_order"] == pytest.approx(order, rel=1e-6)
         assert row["error_um"] == pytest.approx(error)
-        assert row["range_um"] == pytest.approx(max(row["critical_gaps_um"])
-                                                - min(row["critical_gaps_um"]))
+        assert row["range_um"] == pytest.approx(
+            max(row["critical_gaps_um"]) - min(row["critical_gaps_um"])
+        )
 
 
 def test_a_missing_gap_leaves_no_order(config):

@@ -35,9 +35,14 @@ def test_the_check_releases_elsewhere(places):
 def test_the_check_is_finer_and_longer():
     settings = {
         "numerics": {"spacing_um": 1.25, "reynolds_max": 0.15, "kernel": "compact"},
-        "run_control": {"max_rows": 50, "outcome_rows_max": 150, "orbit_tolerance": 0.03,
-                        "release_gap_fractions": [0.5, 0.2, 0.8], "records_per_row": 20},
-    }  # fmt: skip
+        "run_control": {
+            "max_rows": 50,
+            "outcome_rows_max": 150,
+            "orbit_tolerance": 0.03,
+            "release_gap_fractions": [0.5, 0.2, 0.8],
+            "records_per_row": 20,
+        },
+    }
     found = spot_check.check_sections(settings)
     assert found["numerics"] == {"spacing_um": 0.625, "reynolds_max": 0.075, "kernel": "compact"}
     control = found["run_control"]
@@ -49,11 +54,20 @@ def test_the_check_is_finer_and_longer():
 
 def row(angle=5.0, sigma=0.2, **changes):
     return {
-        "outcome_id": NAMES[0], "pillar_radius_um": 8.0, "gap_um": 12.0, "periodicity": 10,
-        "stiffness_set": "1", "mode": "bump", "status": "decided", "migration_angle_deg": angle,
-        "sigma_num_deg": sigma, "sigma_num_basis": "modelled: far", "spacing_um": 1.2,
-        "wall_time_s": 36.0, "rows_total": 24,
-    } | changes  # fmt: skip
+        "outcome_id": NAMES[0],
+        "pillar_radius_um": 8.0,
+        "gap_um": 12.0,
+        "periodicity": 10,
+        "stiffness_set": "1",
+        "mode": "bump",
+        "status": "decided",
+        "migration_angle_deg": angle,
+        "sigma_num_deg": sigma,
+        "sigma_num_basis": "modelled: far",
+        "spacing_um": 1.2,
+        "wall_time_s": 36.0,
+        "rows_total": 24,
+    } | changes
 
 
 def test_the_cost_is_that_of_as_many_finer_rows():
@@ -65,9 +79,12 @@ def test_the_cost_is_that_of_as_many_finer_rows():
 
 @pytest.mark.parametrize(
     ("campaign", "check", "word"),
-    [(row(), row(5.3), "holds: 1.5 σ_num"), (row(), row(4.5), "changes: 2.5 σ_num"),
-     (row(sigma=None, sigma_num_basis="not studied: x"), row(), "cannot be told: not studied"),
-     (row(), row(None, status="stuck"), "cannot be told: the check is stuck")],
+    [
+        (row(), row(5.3), "holds: 1.5 σ_num"),
+        (row(), row(4.5), "changes: 2.5 σ_num"),
+        (row(sigma=None, sigma_num_basis="not studied: x"), row(), "cannot be told: not studied"),
+        (row(), row(None, status="stuck"), "cannot be told: the check is stuck"),
+    ],
 )
 def test_a_verdict_in_units_of_sigma(campaign, check, word):
     found = spot_check.check_row(campaign, check)

@@ -42,9 +42,14 @@ def test_points_are_valid_and_differ(config, name):
 
 
 def test_rows_say_what_was_predicted_and_what_happened(config, tmp_path, monkeypatch):
-    monkeypatch.setattr(sweep, "FAMILIES", {"gap": sweep._along(
-        "Gap", "P_g [µm]", "geometry", "gap_um", (4, 12)
-    ), "area": sweep._along("Area", "k_ag", "stiffness", "kag_uN_per_m", (50, 2e4))})  # fmt: skip
+    monkeypatch.setattr(
+        sweep,
+        "FAMILIES",
+        {
+            "gap": sweep._along("Gap", "P_g [µm]", "geometry", "gap_um", (4, 12)),
+            "area": sweep._along("Area", "k_ag", "stiffness", "kag_uN_per_m", (50, 2e4)),
+        },
+    )
     said = []
     rows = sweep.run_family("gap", config, said.append) + sweep.run_family("area", config)
     write_table("stability", rows, tmp_path / "stability.parquet", {})
@@ -62,8 +67,15 @@ def test_rows_say_what_was_predicted_and_what_happened(config, tmp_path, monkeyp
 
 def row(**values):
     blank = {c.name: None for c in COLUMNS["stability"]}
-    about = {"family": "gap", "title": "Gap", "label": "1", "parameter": 1.0,
-             "parameter_of": "gap", "stiffness_set": "1", "reason": ""}  # fmt: skip
+    about = {
+        "family": "gap",
+        "title": "Gap",
+        "label": "1",
+        "parameter": 1.0,
+        "parameter_of": "gap",
+        "stiffness_set": "1",
+        "reason": "",
+    }
     return {**blank, **about, **values}
 
 

@@ -72,19 +72,34 @@ def test_cheap_cases_keep_to_their_marks_and_make_a_table(name, tmp_path):
     path = tmp_path / "validation.parquet"
     write_table("validation", rows, path, ABOUT)
     assert read_rows("validation", path) == [
-        {c.name: row[c.name] for c in COLUMNS["validation"]} for row in rows]
+        {c.name: row[c.name] for c in COLUMNS["validation"]} for row in rows
+    ]
     [verdict] = validation.verdicts(rows)
     assert verdict["case"] == name and verdict["failed"] == 0 < verdict["error_over_mark"] < 1
 
 
 def test_order_is_that_of_the_same_quantity_at_the_next_coarser_resolution(stand_in):
-    errors = {"half-way": (0.4, 0.2, 0.1), "interpolated": (0.16, 0.04, 0.01),
-              "crossing": (0.1, -0.1, 0.1), "exact": (1e-9, 1e-10, 0.0)}  # fmt: skip
-    name = stand_in(*(
-        Comparison("k", 2 * (1 + error), 2.0, 0.05, variant=variant, resolution=8 * 2**i,
-                   resolution_of="nodes")
-        for variant, of_variant in errors.items() for i, error in enumerate(of_variant)
-    ))  # fmt: skip
+    errors = {
+        "half-way": (0.4, 0.2, 0.1),
+        "interpolated": (0.16, 0.04, 0.01),
+        "crossing": (0.1, -0.1, 0.1),
+        "exact": (1e-9, 1e-10, 0.0),
+    }
+    name = stand_in(
+        *(
+            Comparison(
+                "k",
+                2 * (1 + error),
+                2.0,
+                0.05,
+                variant=variant,
+                resolution=8 * 2**i,
+                resolution_of="nodes",
+            )
+            for variant, of_variant in errors.items()
+            for i, error in enumerate(of_variant)
+        )
+    )
     rows = run_case(name)
     orders = {v: [r["observed_order"] for r in rows if r["variant"] == v] for v in errors}
     assert orders["half-way"] == [None, pytest.approx(1), pytest.approx(1)]
@@ -108,9 +123,12 @@ def test_a_value_that_is_not_finite_fails(stand_in, value, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("error", "reason"), [(DldsimError("Too few nodes."), "Too few nodes."),
-                          (MemoryError("no room"), "MemoryError: no room")]
-)  # fmt: skip
+    ("error", "reason"),
+    [
+        (DldsimError("Too few nodes."), "Too few nodes."),
+        (MemoryError("no room"), "MemoryError: no room"),
+    ],
+)
 def test_a_case_that_raises_fails_with_the_reason_and_keeps_its_rows(
     stand_in, error, reason, tmp_path
 ):
@@ -133,8 +151,11 @@ def test_unknown_case_is_refused_with_the_nearest_name():
 
 
 def test_every_reference_file_is_listed_and_unaltered():
-    files = [p.relative_to(reference.FOLDER).as_posix()
-             for p in reference.FOLDER.rglob("*") if p.is_file()]  # fmt: skip
+    files = [
+        p.relative_to(reference.FOLDER).as_posix()
+        for p in reference.FOLDER.rglob("*")
+        if p.is_file()
+    ]
     files.remove(reference.CHECKSUMS)
     listed = (reference.FOLDER / reference.CHECKSUMS).read_text().splitlines()
     assert sorted(files) == sorted(line.split()[1] for line in listed)
@@ -236,11 +257,22 @@ def test_a_damaged_reference_and_an_unknown_name_leave_the_other_cases_alone(
 
 
 def test_convergence_pools_the_series_of_a_level(stand_in, tmp_path):
-    name = stand_in(*(
-        Comparison("k", 1 + scale / n**2, 1.0, 1.0, variant="half-way", parameter=scale,
-                   resolution=n + scale)
-        for scale in (3.0, 4.0) for n in (10, 20)
-    ), Comparison("k", 9.0, 1.0, resolution=5))  # fmt: skip
+    name = stand_in(
+        *(
+            Comparison(
+                "k",
+                1 + scale / n**2,
+                1.0,
+                1.0,
+                variant="half-way",
+                parameter=scale,
+                resolution=n + scale,
+            )
+            for scale in (3.0, 4.0)
+            for n in (10, 20)
+        ),
+        Comparison("k", 9.0, 1.0, resolution=5),
+    )
     write_table("validation", run_case(name), tmp_path / "table.parquet", ABOUT)
     table = read_table("validation", tmp_path / "table.parquet")
     pooled = validation_figures.convergence(table)
@@ -268,9 +300,13 @@ def test_validation_is_a_target_of_its_own(tmp_path):
     def plan(*argv):
         command = [sys.executable, "-m", "snakemake", "-j2", "-n", *argv, "--config", "preset=tiny"]
         done = subprocess.run(
-            command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+            command,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout + done.stderr
 

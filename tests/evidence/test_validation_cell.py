@@ -102,8 +102,12 @@ def passing(status="converged", shift=0.0):
         d, h = (np.array([row[f"diameter_{axis}_um"] for row in rows]) for axis in "dh")
         between = np.array([[30.0], [6.0]])
         d, h = (np.insert(v * (1 + shift), 2, between[i]) for i, v in enumerate((d, h)))
-        path = {"x_um": np.array([-30.0, -20, -9, 0, 30]), "diameter_d_um": d, "diameter_h_um": h,
-                "area_ratio": np.full(5, 1.1)}
+        path = {
+            "x_um": np.array([-30.0, -20, -9, 0, 30]),
+            "diameter_d_um": d,
+            "diameter_h_um": h,
+            "area_ratio": np.full(5, 1.1),
+        }
         return SimpleNamespace(row={"status": status, "stop_reason": "why"}, trajectory=path)
 
     return simulate
@@ -141,9 +145,10 @@ def table(monkeypatch, tmp_path):
     monkeypatch.setattr(validation_cell, "sphere_flow", lambda n_p, pitch: array(n_p))
     spheres_that_bump_from(0.5, [], monkeypatch)
     rows = [
-        row for name in ("capsule-in-shear", "rigid-transition", "constriction-shape")
+        row
+        for name in ("capsule-in-shear", "rigid-transition", "constriction-shape")
         for row in run_case(name)
-    ]  # fmt: skip
+    ]
     write_table("validation", rows, tmp_path / "t.parquet", {"config_hash": "x", "seed": None})
     return read_table("validation", tmp_path / "t.parquet")
 

@@ -25,9 +25,13 @@ from dldsim.experiments.constriction import simulate_constriction
 FILE = Path(__file__).parents[1] / "data" / "golden.json"
 ROWS = 3
 SET_3 = Stiffness(
-    ks_uN_per_m=15.24, kb_pN_um=0.25, kal_uN_per_m=30, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=15.24,
+    kb_pN_um=0.25,
+    kal_uN_per_m=30,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 # Contact reaches far, so that few rows feel it. In double precision processors differ by rounding
 # only, which three rows do not amplify.
 NUMERICS = Numerics(spacing_um=1.5, contact_range_um=1.5, precision="float64")
@@ -39,17 +43,28 @@ ARRAYS = {
 }
 CELL = Cell(radius_um=6.0, release_gap_fraction=0.2)
 CHANNEL = Constriction(
-    spacing_um=1.25, width_um=15, throat_width_um=7.5, throat_length_um=12, taper_length_um=4,
-    approach_length_um=14, height_um=10,
-)  # fmt: skip
+    spacing_um=1.25,
+    width_um=15,
+    throat_width_um=7.5,
+    throat_length_um=12,
+    taper_length_um=4,
+    approach_length_um=14,
+    height_um=10,
+)
 
 
 def array_path(name: str, *, stiffness: Stiffness = SET_3, rows: int = ROWS, **numerics) -> list:
     """Lateral steps [µm] and the last place (x, y) [µm] of a run through one of ARRAYS."""
     result = simulate_run(
-        ARRAYS[name], stiffness, CELL, FLOW, NUMERICS.model_copy(update=numerics),
-        RunControl(max_rows=rows), run_id=name, stiffness_set="3",
-    )  # fmt: skip
+        ARRAYS[name],
+        stiffness,
+        CELL,
+        FLOW,
+        NUMERICS.model_copy(update=numerics),
+        RunControl(max_rows=rows),
+        run_id=name,
+        stiffness_set="3",
+    )
     path = result.trajectory
     return [*result.row["lateral_steps_um"], float(path["x_um"][-1]), float(path["y_um"][-1])]
 
@@ -58,9 +73,15 @@ def passage(name: str = "constriction") -> list:
     """Deformation index and the last place [µm] of a cell that passes a throat."""
     group = ConstrictionGroup(velocity_mm_s=1.0, stiffness_set="3", stiffness=SET_3)
     result = simulate_constriction(
-        name, group, CHANNEL, Cell(radius_um=4.5), Flow(), NUMERICS, release_position_um=0.0,
+        name,
+        group,
+        CHANNEL,
+        Cell(radius_um=4.5),
+        Flow(),
+        NUMERICS,
+        release_position_um=0.0,
         run_id=name,
-    )  # fmt: skip
+    )
     path = result.trajectory
     return [result.row["deformation_index"], float(path["x_um"][-1]), float(path["y_um"][-1])]
 

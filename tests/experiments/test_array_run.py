@@ -20,9 +20,13 @@ from dldsim.tables.parquet import read_rows, write_table
 from dldsim.tables.registry import COLUMNS
 
 SET_1 = Stiffness(
-    ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=5.1,
+    kb_pN_um=0.043,
+    kal_uN_per_m=10.2,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 CELL = Cell(radius_um=4.0)
 FLOW = Flow(height_um=12.0)
@@ -39,9 +43,17 @@ def empty():
 def run(empty, control=THREE_ROWS, stiffness=SET_1, numerics=NUMERICS, **options):
     """A run of a small cell at the default resolution, tenths of a second."""
     return simulate_run(
-        GEOMETRY, stiffness, CELL, FLOW, numerics, control, run_id="r", stiffness_set="1",
-        empty_flow=empty, **options,
-    )  # fmt: skip
+        GEOMETRY,
+        stiffness,
+        CELL,
+        FLOW,
+        numerics,
+        control,
+        run_id="r",
+        stiffness_set="1",
+        empty_flow=empty,
+        **options,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +92,8 @@ def test_row_and_trajectory_fill_their_tables(result, tmp_path):
     used = json.loads(row["details"])
     assert Numerics(**json.loads(row["numerics"])) == NUMERICS  # as asked for
     assert row["velocity_lu"] == pytest.approx(
-        NUMERICS.velocity_lu / used["time_step_refinement"], rel=1e-3)
+        NUMERICS.velocity_lu / used["time_step_refinement"], rel=1e-3
+    )
     assert row["lag_number"] <= NUMERICS.reynolds_max * (1 + 1e-9)
     assert used["pitch_nodes"] * row["spacing_um"] == pytest.approx(row["pitch_um"])
     assert row["bump_angle_deg"] == pytest.approx(math.degrees(math.atan(0.25)))
@@ -135,10 +148,25 @@ def test_a_run_repeats_bit_for_bit(empty, result):
 @pytest.mark.parametrize(("fewest", "rows"), [(1, 1), (2, 2), (5, 3)])
 def test_a_settled_run_goes_on_to_its_fewest_rows(empty, monkeypatch, fewest, rows):
     """But to no more than the most."""
-    settled = Migration("converged", "told so", mode="none", **dict.fromkeys(
-        ("migration_angle_deg", "angle_low_deg", "angle_high_deg", "first_period_angle_deg",
-         "settled_row", "row_map_peak", "transition_distance", "capture_chance")),
-        orbit_rows=1, lateral_steps=np.zeros(1))  # fmt: skip
+    settled = Migration(
+        "converged",
+        "told so",
+        mode="none",
+        **dict.fromkeys(
+            (
+                "migration_angle_deg",
+                "angle_low_deg",
+                "angle_high_deg",
+                "first_period_angle_deg",
+                "settled_row",
+                "row_map_peak",
+                "transition_distance",
+                "capture_chance",
+            )
+        ),
+        orbit_rows=1,
+        lateral_steps=np.zeros(1),
+    )
     monkeypatch.setattr("dldsim.experiments.array_run.analyse_path", lambda *_: settled)
     control = THREE_ROWS.model_copy(update={"min_rows": fewest})
     assert run(empty, control).row["rows_completed"] == rows
@@ -185,9 +213,15 @@ def default_run():
     """The default numerics, flow and cell over a few rows: the one test at full size."""
     geometry = Geometry(pillar_radius_um=10, gap_um=20, periodicity=6)
     return simulate_run(
-        geometry, SET_1, Cell(), Flow(), NUMERICS, RunControl(max_rows=4), run_id="default",
+        geometry,
+        SET_1,
+        Cell(),
+        Flow(),
+        NUMERICS,
+        RunControl(max_rows=4),
+        run_id="default",
         stiffness_set="1",
-    )  # fmt: skip
+    )
 
 
 def test_area_and_volume_hold_over_a_default_run(default_run):
@@ -216,9 +250,7 @@ def test_a_default_run_carries_no_lateral_flux(default_run):
 @pytest.mark.parametrize("coupling", ["no-slip", "dissipative"])
 def test_a_run_mirrored_in_height_is_the_mirror_image(coupling):
     # Double precision, three rows of an uneven path; rounding of 1e-16 has no time to grow.
-    numerics = Numerics(
-        precision="float64", coupling=coupling, velocity_lu=0.01, half_scene=False
-    )
+    numerics = Numerics(precision="float64", coupling=coupling, velocity_lu=0.01, half_scene=False)
     empty = solve_empty_array(GEOMETRY, FLOW, numerics)
     array = array_of(empty)
     paths = []
@@ -240,9 +272,15 @@ def test_a_run_mirrored_in_height_is_the_mirror_image(coupling):
 def test_a_cell_passes_columns_that_are_on_the_surface_of_pillars():
     # Eight columns of each pillar at 0.005 nodes from it: seen to blow up in the third row.
     result = simulate_run(
-        Geometry(pillar_radius_um=6, gap_um=16, periodicity=4), SET_1, Cell(), Flow(),
-        Numerics(time_step="as-given"), THREE_ROWS, run_id="r", stiffness_set="1",
-    )  # fmt: skip
+        Geometry(pillar_radius_um=6, gap_um=16, periodicity=4),
+        SET_1,
+        Cell(),
+        Flow(),
+        Numerics(time_step="as-given"),
+        THREE_ROWS,
+        run_id="r",
+        stiffness_set="1",
+    )
     assert result.row["status"] == "undecided"
     assert result.row["mach_max"] < 0.2
 
@@ -255,12 +293,24 @@ def test_an_outcome_is_its_runs_summed_up(empty, tmp_path):
     control = RunControl(max_rows=2, release_gap_fractions=[0.5, 0.35])
     kept = []
     made = simulate_outcome(
-        GEOMETRY, SET_1, CELL, FLOW, NUMERICS, control, outcome_id="r", stiffness_set="1",
-        empty_flow=empty, keep=lambda place, run: kept.append(place),
-    )  # fmt: skip
+        GEOMETRY,
+        SET_1,
+        CELL,
+        FLOW,
+        NUMERICS,
+        control,
+        outcome_id="r",
+        stiffness_set="1",
+        empty_flow=empty,
+        keep=lambda place, run: kept.append(place),
+    )
     assert kept == [*made.runs] == [0.5, 0.35]
     assert set(made.row) == {c.name for c in COLUMNS["outcomes"]} - {
-        "deformation_index", "deformation_index_std", "sigma_num_deg", "sigma_num_basis"}
+        "deformation_index",
+        "deformation_index_std",
+        "sigma_num_deg",
+        "sigma_num_basis",
+    }
     rows = made.rows()
     assert [row["run_id"] for row in rows] == ["r_y0.50", "r_y0.35"]
     assert made.row["status"] == "undecided" and made.row["mode"] == "none"
@@ -270,9 +320,17 @@ def test_an_outcome_is_its_runs_summed_up(empty, tmp_path):
     starts = [run.trajectory["y_um"][0] for run in made.runs.values()]
     assert starts[0] - starts[1] == pytest.approx(0.15 * GEOMETRY.gap_um)
     first = simulate_run(
-        GEOMETRY, SET_1, CELL, FLOW, NUMERICS, control, run_id="r_y0.50", outcome_id="r",
-        stiffness_set="1", empty_flow=empty,
-    )  # fmt: skip
+        GEOMETRY,
+        SET_1,
+        CELL,
+        FLOW,
+        NUMERICS,
+        control,
+        run_id="r_y0.50",
+        outcome_id="r",
+        stiffness_set="1",
+        empty_flow=empty,
+    )
     np.testing.assert_equal(first.trajectory, made.runs[0.5].trajectory)
 
 
@@ -281,9 +339,15 @@ def test_places_where_the_cell_does_not_fit_are_left_out():
     def outcome(*places):
         control = RunControl(max_rows=2, release_gap_fractions=list(places))
         return simulate_outcome(
-            GEOMETRY, SET_1, Cell(radius_um=7.5), Flow(), NUMERICS, control, outcome_id="r",
+            GEOMETRY,
+            SET_1,
+            Cell(radius_um=7.5),
+            Flow(),
+            NUMERICS,
+            control,
+            outcome_id="r",
             stiffness_set="1",
-        )  # fmt: skip
+        )
 
     made = outcome(0.8, 0.5)
     assert [*made.runs] == [0.5] and made.row["releases"] == 1
@@ -312,8 +376,12 @@ def test_an_absurd_stiffness_is_an_unstable_run(empty, tmp_path):
 def test_a_stiff_cell_gets_a_shorter_time_step(empty, result):
     stiff = {n: getattr(SET_1, n) * 100 for n in ("ks_uN_per_m", "kal_uN_per_m", "kb_pN_um")}
     said = []
-    row = run(empty, stiffness=SET_1.model_copy(update=stiff), progress=said.append,
-              control=RunControl(max_rows=2)).row  # fmt: skip
+    row = run(
+        empty,
+        stiffness=SET_1.model_copy(update=stiff),
+        progress=said.append,
+        control=RunControl(max_rows=2),
+    ).row
     record = json.loads(row["details"])
     assert row["status"] == "undecided" and row["rows_completed"] == 2
     assert record["time_step_refinement"] == record["margin_elastic"] > 2
@@ -327,9 +395,14 @@ def test_a_stiff_cell_gets_a_shorter_time_step(empty, result):
 
 def sample_at(x, step, **values):
     rest = {
-        "velocity": np.zeros(3), "extent": np.ones(3), "volume_ratio": 1.0, "area_ratio": 1.0,
-        "clearance": 1.0, "speed_max": 0.01, "mean_velocity": np.zeros(2),
-    }  # fmt: skip
+        "velocity": np.zeros(3),
+        "extent": np.ones(3),
+        "volume_ratio": 1.0,
+        "area_ratio": 1.0,
+        "clearance": 1.0,
+        "speed_max": 0.01,
+        "mean_velocity": np.zeros(2),
+    }
     return Sample(**{"step": step, "centre": np.array([x, 0.3, 0.0]), **rest, **values})
 
 

@@ -15,14 +15,23 @@ GROUP = ConstrictionGroup(
     velocity_mm_s=1.0,
     stiffness_set="1",
     stiffness=Stiffness(
-        ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
+        ks_uN_per_m=5.1,
+        kb_pN_um=0.043,
+        kal_uN_per_m=10.2,
+        kag_uN_per_m=500,
+        kv_Pa=900,
         kvisc_nN_s_per_m=1.5,
     ),
-)  # fmt: skip
+)
 CHANNEL = Constriction(
-    spacing_um=1.0, width_um=16, throat_width_um=8, throat_length_um=14, taper_length_um=4,
-    approach_length_um=16, height_um=10,
-)  # fmt: skip
+    spacing_um=1.0,
+    width_um=16,
+    throat_width_um=8,
+    throat_length_um=14,
+    taper_length_um=4,
+    approach_length_um=16,
+    height_um=10,
+)
 CELL = Cell(radius_um=5.0)
 NUMERICS = Numerics(velocity_lu=0.03)
 
@@ -44,9 +53,15 @@ def test_a_passage_that_takes_too_long_is_refused_before_it_starts(monkeypatch):
     stiff = GROUP.stiffness.model_copy(update={"ks_uN_per_m": 1e6})
     with pytest.raises(DldsimError, match="time step shortened by .* too stiff") as caught:
         simulate_constriction(
-            "G1", GROUP.model_copy(update={"stiffness": stiff}), CHANNEL, CELL, thin, NUMERICS,
-            release_position_um=1.0, run_id="G1_0",
-        )  # fmt: skip
+            "G1",
+            GROUP.model_copy(update={"stiffness": stiff}),
+            CHANNEL,
+            CELL,
+            thin,
+            NUMERICS,
+            release_position_um=1.0,
+            run_id="G1_0",
+        )
     assert caught.value.key == "limits.run_hours"
 
 

@@ -60,6 +60,7 @@ def test_the_slip_shows(monkeypatch):
 def test_reach_and_friction_show():
     assert moved(contact_range_um=1.65) > CHANGED
     golden = read_golden()["dissipative"][0]
-    dragged = array_path("bump", rows=2, coupling="dissipative", kernel="4-point",
-                         friction_nN_s_per_m=1.1 * 1.56)  # fmt: skip
+    dragged = array_path(
+        "bump", rows=2, coupling="dissipative", kernel="4-point", friction_nN_s_per_m=1.1 * 1.56
+    )
     assert abs(dragged[0] - golden) > CHANGED

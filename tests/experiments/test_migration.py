@@ -195,8 +195,9 @@ def test_late_capture_is_not_an_orbit_before():
     assert first > caught
     assert {one.mode for one in found[first:]} == {"bump"}
     bump = math.degrees(math.atan(1 / n))
-    assert all(one.angle_high_deg >= bump for one in found[:first]
-               if one.migration_angle_deg is not None)
+    assert all(
+        one.angle_high_deg >= bump for one in found[:first] if one.migration_angle_deg is not None
+    )
 
 
 def test_scatter_about_a_low_peak_leaves_the_mean_in_its_interval():
@@ -281,6 +282,7 @@ def test_passes_that_the_lane_has_ended_tell_nothing_of_the_others():
 
 def test_passes_of_other_lengths_are_unlike():
     """Reference: a t test of two samples, whose square F is."""
+
     def of(*rows):
         starts = np.concatenate([[0.0], np.cumsum(rows)])
         return Passes(starts, np.zeros(len(starts)), np.full(len(rows), 0.5))
@@ -312,8 +314,11 @@ def test_a_lane_that_holds_one_release_holds_another():
     assert (together.status, together.mode) == ("stationary", "bump")
     assert together.angle_low_deg < angle_of_mean(1) < together.angle_high_deg
     # One lane further on is the same place; half a lane further, or a path that drifts, is not.
-    for path, same in ((swinging_to(1.0 + N, 2.4 + N), True), (swinging_to(1.5, 2.4), False),
-                       (swinging_to(1.0, 2.4, drift=0.02), False)):  # fmt: skip
+    for path, same in (
+        (swinging_to(1.0 + N, 2.4 + N), True),
+        (swinging_to(1.5, 2.4), False),
+        (swinging_to(1.0, 2.4, drift=0.02), False),
+    ):
         found = {0.5: rests, 0.2: analyse(path)}
         status = taken_together(found, PITCH, N, CONTROL)[0.2].status
         assert (status == "stationary") == same
@@ -368,9 +373,15 @@ def test_every_path_has_an_angle_within_its_bounds(steps):
 
 @pytest.mark.parametrize(
     ("share", "mode"),
-    [(1.05, "bump"), (0.91, "bump"), (0.89, "mixed"), (0.11, "mixed"), (0.09, "zigzag"),
-     (-0.3, "zigzag")],
-)  # fmt: skip
+    [
+        (1.05, "bump"),
+        (0.91, "bump"),
+        (0.89, "mixed"),
+        (0.11, "mixed"),
+        (0.09, "zigzag"),
+        (-0.3, "zigzag"),
+    ],
+)
 def test_modes(share, mode):
     assert mode_of(math.degrees(math.atan(share * 0.1)), 0.1) == mode
 
@@ -384,9 +395,19 @@ def one(mode="bump", status="converged", distance=0.2, half=0.1):
         return Migration(status, "as made up")
     angle = angle_of_mean(share)
     return Migration(
-        status, "as made up", mode, angle, angle - half, angle + half, angle, 1,
-        None if status == "undecided" else 9, 1 + distance, distance, 0.0,
-    )  # fmt: skip
+        status,
+        "as made up",
+        mode,
+        angle,
+        angle - half,
+        angle + half,
+        angle,
+        1,
+        None if status == "undecided" else 9,
+        1 + distance,
+        distance,
+        0.0,
+    )
 
 
 @given(st.lists(st.integers(0, 1000), min_size=1, max_size=5, unique=True))
@@ -441,8 +462,13 @@ def test_next_release():
     assert next_release({0.5: far, 0.2: far}, places, N) is None
     below = {0.5: one("zigzag", distance=-0.4), 0.2: one("zigzag", distance=-0.5)}
     assert next_release(below, places, N) is None
-    for second in (near, one("zigzag", distance=-0.4), one("zigzag", distance=-0.2),
-                   one("mixed", "undecided"), one("none", "stuck")):
+    for second in (
+        near,
+        one("zigzag", distance=-0.4),
+        one("zigzag", distance=-0.2),
+        one("mixed", "undecided"),
+        one("none", "stuck"),
+    ):
         assert next_release({0.5: far, 0.2: second}, places, N) == 0.8
         assert next_release({0.5: far, 0.2: second, 0.8: far}, places, N) is None
     assert next_release({0.5: far}, (0.5,), N) is None

@@ -21,9 +21,13 @@ from dldsim.solver.mesh import make_shape, volume
 from dldsim.solver.pillars import offset_from_pillar
 
 SOFT = Stiffness(
-    ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=5.1,
+    kb_pN_um=0.043,
+    kal_uN_per_m=10.2,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 SCENE = (GEOMETRY, SOFT, Cell(radius_um=4.0), Flow(height_um=12.0), Numerics())
 CONTROL = RunControl(max_rows=2)
@@ -41,8 +45,9 @@ def run(empty):
 
 def record(empty, every=1):
     recorder = Recorder(every)
-    result = simulate_run(*SCENE, CONTROL, run_id="r", stiffness_set="1", empty_flow=empty,
-                          observe=recorder)
+    result = simulate_run(
+        *SCENE, CONTROL, run_id="r", stiffness_set="1", empty_flow=empty, observe=recorder
+    )
     return result, recorder.shapes(GEOMETRY, result)
 
 
@@ -64,8 +69,9 @@ def growing(factors):
     centres = np.array([(2.0 * n, 0.0, 1.0) for n in range(len(factors))])
     points = [f * vertices + c for f, c in zip(factors, centres, strict=True)]
     steps = 10 * np.arange(len(factors))
-    return Shapes(GEOMETRY, 12.0, 5.0, steps, steps * 0.1, centres,
-                  np.array(points, np.float32), faces)  # fmt: skip
+    return Shapes(
+        GEOMETRY, 12.0, 5.0, steps, steps * 0.1, centres, np.array(points, np.float32), faces
+    )
 
 
 def test_recorded_path_is_the_run_to_the_last_bit(shapes, run):
@@ -158,8 +164,10 @@ def test_file_reads_back(shapes, file):
     for name in ("step", "t_ms", "centre_um", "points_um", "faces"):
         np.testing.assert_array_equal(getattr(again, name), getattr(shapes, name))
     assert (again.geometry, again.height_um, again.cell_radius_um) == (
-        shapes.geometry, shapes.height_um, shapes.cell_radius_um
-    )  # fmt: skip
+        shapes.geometry,
+        shapes.height_um,
+        shapes.cell_radius_um,
+    )
 
 
 def test_foreign_and_damaged_files_are_refused(file, tmp_path):

@@ -36,13 +36,18 @@ from tests.report.design_tables import make_design_tables
 
 PROVENANCE = {"config_hash": "0123abcd", "seed": 7}
 SETS = {  # k_s, k_b, k_α, DI
-    "1": (5.1, 4.3e-2, 10.2, 0.51), "3": (15.24, 0.25, 30.0, 0.77), "5": (20.3, 0.35, 40.6, 0.78)
-}  # fmt: skip
+    "1": (5.1, 4.3e-2, 10.2, 0.51),
+    "3": (15.24, 0.25, 30.0, 0.77),
+    "5": (20.3, 0.35, 40.6, 0.78),
+}
 GROUPS = ("G1", "G2", "G3", "G4", "G5", "G6", "G7")
 NASTY = "density 3.1 <b>& more</b>"
 CONFIG = {
-    "preset": "tiny", "seed": 7, "cell": {"shape": "biconcave", "radius_um": 7.5},
-    "run_control": {"max_rows": 12}, "constriction": {"width_um": 30.0},
+    "preset": "tiny",
+    "seed": 7,
+    "cell": {"shape": "biconcave", "radius_um": 7.5},
+    "run_control": {"max_rows": 12},
+    "constriction": {"width_um": 30.0},
 }
 
 
@@ -76,33 +81,67 @@ def make_run(radius, gap, periodicity, name, rng, status=None, place=0.5) -> tup
     run_id = f"{outcome_id}_y{place:.2f}"
     failed = status == "failed"
     row = {
-        "run_id": run_id, "outcome_id": outcome_id, "release_axis": "y",
-        "release_gap_fraction": place, "pillar_radius_um": radius, "gap_um": gap, "pitch_um": pitch,
-        "periodicity": periodicity, "row_shift_fraction": 1 / periodicity, "stiffness_set": name,
-        "cell_shape": "biconcave", "cell_radius_um": 7.5, "height_um": 20.0, "ks_uN_per_m": ks,
-        "kb_pN_um": kb, "kal_uN_per_m": kal, "kag_uN_per_m": 500.0, "kv_Pa": 900.0,
-        "kvisc_nN_s_per_m": 1.5, "mean_velocity_mm_s": 1.0, "status": status,
-        "stop_reason": NASTY if broken else "the orbit repeats", "mode": mode,
+        "run_id": run_id,
+        "outcome_id": outcome_id,
+        "release_axis": "y",
+        "release_gap_fraction": place,
+        "pillar_radius_um": radius,
+        "gap_um": gap,
+        "pitch_um": pitch,
+        "periodicity": periodicity,
+        "row_shift_fraction": 1 / periodicity,
+        "stiffness_set": name,
+        "cell_shape": "biconcave",
+        "cell_radius_um": 7.5,
+        "height_um": 20.0,
+        "ks_uN_per_m": ks,
+        "kb_pN_um": kb,
+        "kal_uN_per_m": kal,
+        "kag_uN_per_m": 500.0,
+        "kv_Pa": 900.0,
+        "kvisc_nN_s_per_m": 1.5,
+        "mean_velocity_mm_s": 1.0,
+        "status": status,
+        "stop_reason": NASTY if broken else "the orbit repeats",
+        "mode": mode,
         "migration_angle_deg": None if broken else angles[0],
         "first_period_angle_deg": None if broken else angles[1],
         "angle_low_deg": None if broken else angles[0] - 0.1,
         "angle_high_deg": None if broken else angles[0] + 0.1,
         "settled_row": None if broken or status == "undecided" else 3,
-        "row_map_peak": None if broken else 1.1, "capture_chance": None if broken else 0.0,
+        "row_map_peak": None if broken else 1.1,
+        "capture_chance": None if broken else 0.0,
         "transition_distance": None if broken else 0.1,
-        "bump_angle_deg": bump_angle, "rows_completed": rows,
+        "bump_angle_deg": bump_angle,
+        "rows_completed": rows,
         "orbit_rows": {"converged": 1, "periodic": periodicity}.get(status, 0),
-        "lateral_steps_um": list(steps), "steps": 1300 * rows, "nodes": 30_000, "vertices": 642,
-        "spacing_um": 1.25, "rows_in_domain": 1, "lanes_in_domain": 1, "time_step_us": 0.26,
-        "relaxation_time": 1.5, "velocity_lu": 0.01, "height_on_lattice_um": 20.0,
+        "lateral_steps_um": list(steps),
+        "steps": 1300 * rows,
+        "nodes": 30_000,
+        "vertices": 642,
+        "spacing_um": 1.25,
+        "rows_in_domain": 1,
+        "lanes_in_domain": 1,
+        "time_step_us": 0.26,
+        "relaxation_time": 1.5,
+        "velocity_lu": 0.01,
+        "height_on_lattice_um": 20.0,
         "wall_time_s": 0.7 * rows + rng.uniform(0, 1),
         "ms_per_step": None if failed else 0.55 + rng.uniform(0, 0.1),
-        "mlups": None if failed else 52.0, "capillary_number": 1.5 / ks,
-        "reynolds_number": 0.3, "lag_number": 0.14, "mach_max": 0.06, "confinement": 15 / gap,
-        "lateral_flux_ratio": 3e-5, "volume_drift_max": None if failed else rng.uniform(1e-4, 4e-3),
+        "mlups": None if failed else 52.0,
+        "capillary_number": 1.5 / ks,
+        "reynolds_number": 0.3,
+        "lag_number": 0.14,
+        "mach_max": 0.06,
+        "confinement": 15 / gap,
+        "lateral_flux_ratio": 3e-5,
+        "volume_drift_max": None if failed else rng.uniform(1e-4, 4e-3),
         "area_drift_max": None if failed else rng.uniform(1e-3, 1e-2),
-        "min_clearance_um": None if failed else 0.8, "mean_deformation_index": 0.3,
-        "left_out": "solid columns; outer viscosity field", "numerics": "{}", "details": "{}",
+        "min_clearance_um": None if failed else 0.8,
+        "mean_deformation_index": 0.3,
+        "left_out": "solid columns; outer viscosity field",
+        "numerics": "{}",
+        "details": "{}",
     }
     count = 30 * rows + 1
     along = np.linspace(0, rows, count)
@@ -110,10 +149,19 @@ def make_run(radius, gap, periodicity, name, rng, status=None, place=0.5) -> tup
     index = 0.3 + 0.1 * np.sin(2 * np.pi * along) ** 2
     ones = np.ones(count)
     track = {c.name: np.zeros(count) for c in COLUMNS["trajectory"]} | {
-        "run_id": [run_id] * count, "step": np.arange(count), "t_ms": along,
-        "x_um": (along + 0.4) * pitch, "y_um": pitch / 2 + y, "z_um": 10 * ones,
-        "deformation_index": index, "axis_a_um": 15 * (1 + index), "axis_b_um": 15 * (1 - index),
-        "volume_ratio": ones, "area_ratio": ones, "clearance_um": ones, "vx_mm_s": ones,
+        "run_id": [run_id] * count,
+        "step": np.arange(count),
+        "t_ms": along,
+        "x_um": (along + 0.4) * pitch,
+        "y_um": pitch / 2 + y,
+        "z_um": 10 * ones,
+        "deformation_index": index,
+        "axis_a_um": 15 * (1 + index),
+        "axis_b_um": 15 * (1 - index),
+        "volume_ratio": ones,
+        "area_ratio": ones,
+        "clearance_um": ones,
+        "vx_mm_s": ones,
     }
     return row, track
 
@@ -127,16 +175,26 @@ def make_outcome(runs: list[dict]) -> dict:
     known = first["migration_angle_deg"] is not None
     shares = {f"share_{m}": modes.count(m) / len(modes) for m in (*style.MODES[:3], "none")}
     names = {c.name for c in COLUMNS["outcomes"]}
-    return {name: value for name, value in first.items() if name in names} | shares | {
-        "status": "coexisting" if coexisting else status, "coexisting": coexisting,
-        "deformation_index": SETS[first["stiffness_set"]][3], "deformation_index_std": 0.03,
-        "angle_spread_deg": 0.0 if known else None, "releases": len(runs),
-        "source_angle_deg": first["first_period_angle_deg"],
-        "sigma_num_deg": 0.1 if known and status == "decided" else None,
-        "sigma_num_basis": "modelled: bump, 4 studied runs" if known and status == "decided"
-        else "not studied: <few> runs" if known else "no angle",
-        "rows_total": sum(run["rows_completed"] for run in runs),
-    }  # fmt: skip
+    return (
+        {name: value for name, value in first.items() if name in names}
+        | shares
+        | {
+            "status": "coexisting" if coexisting else status,
+            "coexisting": coexisting,
+            "deformation_index": SETS[first["stiffness_set"]][3],
+            "deformation_index_std": 0.03,
+            "angle_spread_deg": 0.0 if known else None,
+            "releases": len(runs),
+            "source_angle_deg": first["first_period_angle_deg"],
+            "sigma_num_deg": 0.1 if known and status == "decided" else None,
+            "sigma_num_basis": "modelled: bump, 4 studied runs"
+            if known and status == "decided"
+            else "not studied: <few> runs"
+            if known
+            else "no angle",
+            "rows_total": sum(run["rows_completed"] for run in runs),
+        }
+    )
 
 
 def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodicities=(5, 10)) -> dict:
@@ -147,22 +205,45 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
     made = [make_run(*a, s, rng, ends.get((a, s))) for a in arrays for s in SETS]
     pairs = [[row] for row, _ in made]
     known = next(i for i, [row] in enumerate(pairs) if row["mode"] == "bump")
-    again, track = make_run(*(made[known][0][k] for k in ("pillar_radius_um", "gap_um",
-                            "periodicity", "stiffness_set")), rng, place=0.2)  # fmt: skip
+    again, track = make_run(
+        *(
+            made[known][0][k]
+            for k in ("pillar_radius_um", "gap_um", "periodicity", "stiffness_set")
+        ),
+        rng,
+        place=0.2,
+    )
     pairs[known].append(again | {"mode": "zigzag", "status": "stationary", "orbit_rows": 0})
     made.insert(known + 1, (pairs[known][1], track))
     runs = [row for rows in pairs for row in rows]
     outcomes = pd.DataFrame([make_outcome(rows) for rows in pairs])
-    tables = {"outcomes": outcomes, "runs": pd.DataFrame(runs), "trajectory": pd.concat(
-        [pd.DataFrame(track) for row, track in made if row["status"] != "failed"])}
-    tables["flows"] = pd.DataFrame([
-        dict.fromkeys((c.name for c in COLUMNS["flows"]), 0.01) | {
-            "pillar_radius_um": r, "gap_um": g, "periodicity": n, "pitch_um": 2 * r + g,
-            "drive": "no-lateral-flux", "status": "steady", "stop_reason": "steady",
-            "permeability_over_pitch2": 0.05 * (g / (2 * r + g)) ** 3, "tilt_deg": 20 / n * r / 10,
-            "lateral_flux_ratio": 2e-5, "nodes": 30_000, "steps": 2000,
-        } for r, g, n in arrays
-    ])  # fmt: skip
+    tables = {
+        "outcomes": outcomes,
+        "runs": pd.DataFrame(runs),
+        "trajectory": pd.concat(
+            [pd.DataFrame(track) for row, track in made if row["status"] != "failed"]
+        ),
+    }
+    tables["flows"] = pd.DataFrame(
+        [
+            dict.fromkeys((c.name for c in COLUMNS["flows"]), 0.01)
+            | {
+                "pillar_radius_um": r,
+                "gap_um": g,
+                "periodicity": n,
+                "pitch_um": 2 * r + g,
+                "drive": "no-lateral-flux",
+                "status": "steady",
+                "stop_reason": "steady",
+                "permeability_over_pitch2": 0.05 * (g / (2 * r + g)) ** 3,
+                "tilt_deg": 20 / n * r / 10,
+                "lateral_flux_ratio": 2e-5,
+                "nodes": 30_000,
+                "steps": 2000,
+            }
+            for r, g, n in arrays
+        ]
+    )
     moduli = {g: (5 + 2.5 * i, 0.04 + 0.05 * i, 10 + 5 * i) for i, g in enumerate(GROUPS)}
     set_of = {"G1": "1", "G2": "2", "G5": "3", "G6": "4", "G7": "5"}
     constriction, paths = [], []
@@ -172,74 +253,169 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
             index = 0.5 + 0.04 * i + 0.02 * j
             lost = (group, j) == ("G4", 2)
             row = dict.fromkeys((c.name for c in COLUMNS["constriction_runs"]), 0.1) | {
-                "run_id": f"{group}_{j}", "group": group, "stiffness_set": set_of.get(group, ""),
-                "ks_uN_per_m": ks, "kb_pN_um": kb, "kal_uN_per_m": kal,
-                "velocity_mm_s": 1.095 + 0.33 * i, "design": "group-velocity",
-                "release_position_um": 3.0 * j, "status": "stuck" if lost else "passed",
+                "run_id": f"{group}_{j}",
+                "group": group,
+                "stiffness_set": set_of.get(group, ""),
+                "ks_uN_per_m": ks,
+                "kb_pN_um": kb,
+                "kal_uN_per_m": kal,
+                "velocity_mm_s": 1.095 + 0.33 * i,
+                "design": "group-velocity",
+                "release_position_um": 3.0 * j,
+                "status": "stuck" if lost else "passed",
                 "stop_reason": "clogged the throat" if lost else "left the channel",
-                "deformation_index": None if lost else index, "steps": 9000,
-            }  # fmt: skip
+                "deformation_index": None if lost else index,
+                "steps": 9000,
+            }
             constriction.append(row)
             x = np.linspace(8 + 3 * j, 110, 120)
             squeeze = index * np.exp(-(((x - 60) / 18) ** 4))
-            paths.append(pd.DataFrame({c.name: np.ones(120) for c in COLUMNS[
-                "constriction_trajectory"]} | {
-                "run_id": [row["run_id"]] * 120, "step": np.arange(120), "x_um": x,
-                "diameter_d_um": 15 * (1 + squeeze), "diameter_h_um": 15 * (1 - squeeze),
-                "deformation_index": squeeze,
-            }))  # fmt: skip
+            paths.append(
+                pd.DataFrame(
+                    {c.name: np.ones(120) for c in COLUMNS["constriction_trajectory"]}
+                    | {
+                        "run_id": [row["run_id"]] * 120,
+                        "step": np.arange(120),
+                        "x_um": x,
+                        "diameter_d_um": 15 * (1 + squeeze),
+                        "diameter_h_um": 15 * (1 - squeeze),
+                        "deformation_index": squeeze,
+                    }
+                )
+            )
     tables["constriction_runs"] = pd.DataFrame(constriction)
     fixed = tables["constriction_runs"].assign(
-        design="fixed-velocity", stiffness_set="", velocity_mm_s=2.0,
+        design="fixed-velocity",
+        stiffness_set="",
+        velocity_mm_s=2.0,
         run_id=lambda t: t["run_id"].str.replace("_", "_fixed_"),
-        deformation_index=lambda t: 1.2 - t["deformation_index"])
+        deformation_index=lambda t: 1.2 - t["deformation_index"],
+    )
     tables["constriction_runs"] = pd.concat([tables["constriction_runs"], fixed])
     tables["calibration"] = calibrate(tables["constriction_runs"])
     tables["calibration_correlations"] = correlations(tables["constriction_runs"])
     factors = ["pillar_radius_um", "gap_um", "periodicity", "deformation_index"]
     terms = [*factors, *(f"deformation_index:{name}" for name in factors[:3])]
     tables["anova"] = pd.DataFrame(
-        [{"model": model, "term": term, "sum_sq": 40.0 / (i + 1), "df": 1.0 + i % 3,
-          "f_value": 60.0 / (i + 1) ** 2, "p_value": 10.0 ** (i - 7) / 2,
-          "partial_eta_sq": 0.9 / (i + 1), "partial_omega_sq": 0.8 / (i + 1) - 0.2,
-          "p_robust": None if i else 0.02, "p_permutation": 0.2 * i, "note": ""}
-         for model, part in (("hierarchical", terms), ("main_effects", terms[:4]),
-                             ("seed_interactions", terms[4:])) for i, term in enumerate(part)]
-        + [{"model": "main_effects", "term": "residual", "sum_sq": 11.0, "df": 14.0,
-            "note": "lack of fit"},
-           {"model": "hierarchical", "term": "rows", "note": "3 of 24 rows left out"}]
+        [
+            {
+                "model": model,
+                "term": term,
+                "sum_sq": 40.0 / (i + 1),
+                "df": 1.0 + i % 3,
+                "f_value": 60.0 / (i + 1) ** 2,
+                "p_value": 10.0 ** (i - 7) / 2,
+                "partial_eta_sq": 0.9 / (i + 1),
+                "partial_omega_sq": 0.8 / (i + 1) - 0.2,
+                "p_robust": None if i else 0.02,
+                "p_permutation": 0.2 * i,
+                "note": "",
+            }
+            for model, part in (
+                ("hierarchical", terms),
+                ("main_effects", terms[:4]),
+                ("seed_interactions", terms[4:]),
+            )
+            for i, term in enumerate(part)
+        ]
+        + [
+            {
+                "model": "main_effects",
+                "term": "residual",
+                "sum_sq": 11.0,
+                "df": 14.0,
+                "note": "lack of fit",
+            },
+            {"model": "hierarchical", "term": "rows", "note": "3 of 24 rows left out"},
+        ]
     )
     tables["anova_diagnostics"] = pd.DataFrame(
-        [{"model": model, "test": test, "statistic": 0.9, "p_value": p, "meaning": f"about {test}"}
-         for model in ("main_effects", "hierarchical")
-         for test, p in (("R²", None), ("Shapiro–Wilk W", 1e-5))]
-        + [{"model": "hierarchical", "test": "skewness", "statistic": None, "p_value": None,
-            "meaning": "0 for normal residuals"}])
-    tables["sobol"] = pd.DataFrame([
-        {"factor": name, "points": 64, "inside_share": 0.8} | {
-            f"{order}_order{end}": value * (i + 1) for order, value in (("first", 0.1),
-                                                                        ("total", 0.2))
-            for end, value in (("", value), ("_low", 0.9 * value), ("_high", 1.1 * value))}
-        for i, name in enumerate(factors)])
-    tables["partial_dependence"] = pd.DataFrame([
-        {"x_name": "periodicity", "y_name": name, "x": x, "y": y, "inside_share": 0.5,
-         "angle_deg": None if (x, y) == (5, 1) else x + y, "share": None if y == 1 else 0.5}
-        for name in ("gap_um", "pillar_radius_um") for x in (5, 7, 10) for y in (1, 2, 3)])
-    names = ["pillar_radius_um", "gap_um", "periodicity", "stiffness_set", "deformation_index",
-             "cell_radius_um"]
-    tables["fabrication"] = pd.concat([
-        tables["outcomes"][names].assign(
-            radius_error_um=error, moved_limit_deg=0.5, predicted_angle_deg=2.0,
-            predicted_mode="bump", simulated_mode=tables["outcomes"]["mode"],
-            mode_change_probability=error / 2, moved_probability=0.3, angle_std_deg=0.4,
-            inside_share=0.4 if error > 0.5 else 0.9)
-        for error in (0.25, 1.0)])
-    mean = tables["outcomes"].groupby(["pillar_radius_um", "gap_um", "periodicity"])[
-        "migration_angle_deg"].mean().reset_index()  # fmt: skip
+        [
+            {
+                "model": model,
+                "test": test,
+                "statistic": 0.9,
+                "p_value": p,
+                "meaning": f"about {test}",
+            }
+            for model in ("main_effects", "hierarchical")
+            for test, p in (("R²", None), ("Shapiro–Wilk W", 1e-5))
+        ]
+        + [
+            {
+                "model": "hierarchical",
+                "test": "skewness",
+                "statistic": None,
+                "p_value": None,
+                "meaning": "0 for normal residuals",
+            }
+        ]
+    )
+    tables["sobol"] = pd.DataFrame(
+        [
+            {"factor": name, "points": 64, "inside_share": 0.8}
+            | {
+                f"{order}_order{end}": value * (i + 1)
+                for order, value in (("first", 0.1), ("total", 0.2))
+                for end, value in (("", value), ("_low", 0.9 * value), ("_high", 1.1 * value))
+            }
+            for i, name in enumerate(factors)
+        ]
+    )
+    tables["partial_dependence"] = pd.DataFrame(
+        [
+            {
+                "x_name": "periodicity",
+                "y_name": name,
+                "x": x,
+                "y": y,
+                "inside_share": 0.5,
+                "angle_deg": None if (x, y) == (5, 1) else x + y,
+                "share": None if y == 1 else 0.5,
+            }
+            for name in ("gap_um", "pillar_radius_um")
+            for x in (5, 7, 10)
+            for y in (1, 2, 3)
+        ]
+    )
+    names = [
+        "pillar_radius_um",
+        "gap_um",
+        "periodicity",
+        "stiffness_set",
+        "deformation_index",
+        "cell_radius_um",
+    ]
+    tables["fabrication"] = pd.concat(
+        [
+            tables["outcomes"][names].assign(
+                radius_error_um=error,
+                moved_limit_deg=0.5,
+                predicted_angle_deg=2.0,
+                predicted_mode="bump",
+                simulated_mode=tables["outcomes"]["mode"],
+                mode_change_probability=error / 2,
+                moved_probability=0.3,
+                angle_std_deg=0.4,
+                inside_share=0.4 if error > 0.5 else 0.9,
+            )
+            for error in (0.25, 1.0)
+        ]
+    )
+    mean = (
+        tables["outcomes"]
+        .groupby(["pillar_radius_um", "gap_um", "periodicity"])["migration_angle_deg"]
+        .mean()
+        .reset_index()
+    )
     tables["robustness"] = mean.rename(
         columns={"migration_angle_deg": "mean_migration_angle_deg"}
-    ).assign(robustness_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)), neighbours=3,
-             robust=lambda t: np.arange(len(t)) == 1, modes="bump 2, zigzag 1")  # fmt: skip
+    ).assign(
+        robustness_score_deg2=lambda t: 0.2 * 1.7 ** np.arange(len(t)),
+        neighbours=3,
+        robust=lambda t: np.arange(len(t)) == 1,
+        modes="bump 2, zigzag 1",
+    )
     learnt = style.measured(tables["outcomes"])
     errors = {"XGBoost": 0.3, "Random forest": 0.5, "Linear": 1.6}
     benchmark, predictions = [], []
@@ -249,36 +425,70 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
                 test = learnt.iloc[fold::3]
                 guess = test["migration_angle_deg"] + rng.normal(0, error * factor, len(test))
                 off = guess - test["migration_angle_deg"]
-                benchmark.append({
-                    "model": model, "split": split, "repeat": 0, "fold": fold, "n_train": 14,
-                    "n_test": len(test), "mse_deg2": (off**2).mean(),
-                    "rmse_deg": (off**2).mean() ** 0.5, "mae_deg": off.abs().mean(), "r2": None,
-                    "fit_time_s": 0.02, "predict_time_s": 0.001,
-                })  # fmt: skip
+                benchmark.append(
+                    {
+                        "model": model,
+                        "split": split,
+                        "repeat": 0,
+                        "fold": fold,
+                        "n_train": 14,
+                        "n_test": len(test),
+                        "mse_deg2": (off**2).mean(),
+                        "rmse_deg": (off**2).mean() ** 0.5,
+                        "mae_deg": off.abs().mean(),
+                        "r2": None,
+                        "fit_time_s": 0.02,
+                        "predict_time_s": 0.001,
+                    }
+                )
                 predictions += [
-                    {"outcome_id": r["outcome_id"], "model": model, "split": split, "repeat": 0,
-                     "fold": fold,
-                     "observed_deg": r["migration_angle_deg"], "predicted_deg": p,
-                     "decided": r["status"] != "undecided"}
+                    {
+                        "outcome_id": r["outcome_id"],
+                        "model": model,
+                        "split": split,
+                        "repeat": 0,
+                        "fold": fold,
+                        "observed_deg": r["migration_angle_deg"],
+                        "predicted_deg": p,
+                        "decided": r["status"] != "undecided",
+                    }
                     for (_, r), p in zip(test.iterrows(), guess, strict=True)
                 ]
     tables["benchmark"] = pd.DataFrame(benchmark)
     tables["predictions"] = pd.DataFrame(predictions)
     tables |= make_design_tables("soft <from> stiff")
-    tables["validation"] = pd.DataFrame([
-        dict.fromkeys((c.name for c in COLUMNS["validation"]), "") | {
-            "case": case, "group": "fluid", "quantity": quantity, "variant": variant, "unit": "1",
-            "parameter": parameter, "parameter_of": "periodicity N_p", "resolution": resolution,
-            "resolution_of": "nodes per pitch", "reference": 2.0, "value": 2.0 + 20 / resolution**2,
-            "relative_error": 10 / resolution**2, "mark": 0.01, "passed": resolution > 32,
-            "observed_order": 2.0 if resolution > 24 else None, "wall_time_s": 0.5,
-        }
-        for case, quantity in (("square-arrays", "permeability"), ("row-shifted-arrays", "tilt"),
-                               ("erythrocyte-stretching", "axial diameter"),
-                               ("erythrocyte-stretching", "transverse diameter"))
-        for variant in ("half-way", "interpolated") for parameter in (4.0, 10.0)
-        for resolution in (24.0, 48.0)
-    ])  # fmt: skip
+    tables["validation"] = pd.DataFrame(
+        [
+            dict.fromkeys((c.name for c in COLUMNS["validation"]), "")
+            | {
+                "case": case,
+                "group": "fluid",
+                "quantity": quantity,
+                "variant": variant,
+                "unit": "1",
+                "parameter": parameter,
+                "parameter_of": "periodicity N_p",
+                "resolution": resolution,
+                "resolution_of": "nodes per pitch",
+                "reference": 2.0,
+                "value": 2.0 + 20 / resolution**2,
+                "relative_error": 10 / resolution**2,
+                "mark": 0.01,
+                "passed": resolution > 32,
+                "observed_order": 2.0 if resolution > 24 else None,
+                "wall_time_s": 0.5,
+            }
+            for case, quantity in (
+                ("square-arrays", "permeability"),
+                ("row-shifted-arrays", "tilt"),
+                ("erythrocyte-stretching", "axial diameter"),
+                ("erythrocyte-stretching", "transverse diameter"),
+            )
+            for variant in ("half-way", "interpolated")
+            for parameter in (4.0, 10.0)
+            for resolution in (24.0, 48.0)
+        ]
+    )
     tables |= accuracy_tables() | {"stability": stability_table()}
     for kind, table in tables.items():
         path = folder / TABLES[kind][0]
@@ -296,72 +506,180 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
     by."""
     blank = dict.fromkeys(c.name for c in COLUMNS["accuracy"])
     points = []
-    for quantity, case in (("migration_angle", "bump"), ("migration_angle", "edge"),
-                           ("deformation_index", "G1")):
+    for quantity, case in (
+        ("migration_angle", "bump"),
+        ("migration_angle", "edge"),
+        ("deformation_index", "G1"),
+    ):
         for kind, knob, setting, rank, error, time in (
-            ("knob", "spacing_um", "2.0", 0, 0.05, 2), ("knob", "spacing_um", "1.0", 1, 0.0, 9),
-            ("knob", "coupling", '"dissipative"', 0, None, 3), ("setting", "default", "{}", 0, 0.05,
-            2), ("setting", "reference", '{"spacing_um": 0.9}', 1, 0.0, 9),
-        ):  # fmt: skip
-            points.append(blank | {
-                "quantity": quantity, "kind": kind, "case": case, "run": "r", "knob": knob,
-                "setting": setting, "rank": rank, "is_default": error == 0.05,
-                "is_reference": error == 0.0, "values": [] if error is None else [error],
-                "value": error, "error": error, "error_share": error,
-                "error_to_reference": error, "error_to_reference_share": error,
-                "noise": 0.01, "noise_share": 0.01, "bump_angle_deg": 5.0, "mode": "bump",
-                "status": "unstable" if error is None else "periodic/undecided",
-                "settled": case != "edge" and error is not None, "wall_time_s": time,
-                "rows": 20.0,
-            })  # fmt: skip
+            ("knob", "spacing_um", "2.0", 0, 0.05, 2),
+            ("knob", "spacing_um", "1.0", 1, 0.0, 9),
+            ("knob", "coupling", '"dissipative"', 0, None, 3),
+            ("setting", "default", "{}", 0, 0.05, 2),
+            ("setting", "reference", '{"spacing_um": 0.9}', 1, 0.0, 9),
+        ):
+            points.append(
+                blank
+                | {
+                    "quantity": quantity,
+                    "kind": kind,
+                    "case": case,
+                    "run": "r",
+                    "knob": knob,
+                    "setting": setting,
+                    "rank": rank,
+                    "is_default": error == 0.05,
+                    "is_reference": error == 0.0,
+                    "values": [] if error is None else [error],
+                    "value": error,
+                    "error": error,
+                    "error_share": error,
+                    "error_to_reference": error,
+                    "error_to_reference_share": error,
+                    "noise": 0.01,
+                    "noise_share": 0.01,
+                    "bump_angle_deg": 5.0,
+                    "mode": "bump",
+                    "status": "unstable" if error is None else "periodic/undecided",
+                    "settled": case != "edge" and error is not None,
+                    "wall_time_s": time,
+                    "rows": 20.0,
+                }
+            )
     blank = dict.fromkeys(c.name for c in COLUMNS["reference_check"])
-    check = [blank | {
-        "outcome_id": f"o{i}", "pillar_radius_um": 5.0, "gap_um": 20.0, "periodicity": 8,
-        "stiffness_set": "1", "mode": mode, "reference_mode": "bump", "status": "decided",
-        "reference_status": "decided", "bump_angle_deg": 7.1, "migration_angle_deg": angle,
-        "reference_angle_deg": 7.1, "error_deg": angle and angle - 7.1, "sigma_num_deg": 0.15,
-        "error_over_sigma": angle and (7.1 - angle) / 0.15, "sigma_num_basis": "modelled: far",
-        "verdict": "so <and> so",
-    } for i, (mode, angle) in enumerate((("bump", 7.0), ("mixed", 2.0), ("none", None)))
-    ]  # fmt: skip
+    check = [
+        blank
+        | {
+            "outcome_id": f"o{i}",
+            "pillar_radius_um": 5.0,
+            "gap_um": 20.0,
+            "periodicity": 8,
+            "stiffness_set": "1",
+            "mode": mode,
+            "reference_mode": "bump",
+            "status": "decided",
+            "reference_status": "decided",
+            "bump_angle_deg": 7.1,
+            "migration_angle_deg": angle,
+            "reference_angle_deg": 7.1,
+            "error_deg": angle and angle - 7.1,
+            "sigma_num_deg": 0.15,
+            "error_over_sigma": angle and (7.1 - angle) / 0.15,
+            "sigma_num_basis": "modelled: far",
+            "verdict": "so <and> so",
+        }
+        for i, (mode, angle) in enumerate((("bump", 7.0), ("mixed", 2.0), ("none", None)))
+    ]
     blank = dict.fromkeys(c.name for c in COLUMNS["spot_check"])
-    spot = [blank | {
-        "outcome_id": "o0", "pillar_radius_um": 5.0, "gap_um": 20.0, "periodicity": 8,
-        "stiffness_set": "1", "mode": "bump", "check_mode": "mixed", "status": "decided",
-        "check_status": "decided", "change_over_sigma": 3.0, "verdict": "changes",
-    }]  # fmt: skip
-    convergence = [{
-        "pillar_radius_um": 8.0, "periodicity": 10, "stiffness_set": "3", "cell_shape": "biconcave",
-        "cell_radius_um": 7.5, "knob": "spacing_um", "steps": [1.1, 0.8, 0.6],
-        "critical_gaps_um": [17.0, 17.2, 17.3], "range_um": 0.3, "observed_order": None,
-        "extrapolated_gap_um": None, "error_um": None, "note": "no order",
-    }]  # fmt: skip
-    curve = [{"model": model, "repeat": k, "geometries": n, "outcomes": 3 * n, "n_test": 6,
-              "rmse_deg": error * (1 + 1 / n) + 0.01 * k, "mae_deg": 0.1, "fit_time_s": 0.1,
-              "simulation_time_s": 12.0 * n}
-             for model, error in (("XGBoost", 0.4), ("rule", 3.0)) for k in range(3)
-             for n in (3, 6, 9)]
-    regret = [{"request": "soft <from> stiff", "method": method, "repeat": 0, "evaluations": n,
-               "best_deg": 3 - 1 / n, "regret_deg": 1 / n, "time_s": 0.01 * n}
-              for method in ("tpe", "random", "grid") for n in (1, 10, 100)]
-    return {"accuracy": pd.DataFrame(points), "reference_check": pd.DataFrame(check),
-            "spot_check": pd.DataFrame(spot), "convergence": pd.DataFrame(convergence),
-            "learning_curve": pd.DataFrame(curve),
-            "search_regret": pd.DataFrame(regret)}
+    spot = [
+        blank
+        | {
+            "outcome_id": "o0",
+            "pillar_radius_um": 5.0,
+            "gap_um": 20.0,
+            "periodicity": 8,
+            "stiffness_set": "1",
+            "mode": "bump",
+            "check_mode": "mixed",
+            "status": "decided",
+            "check_status": "decided",
+            "change_over_sigma": 3.0,
+            "verdict": "changes",
+        }
+    ]
+    convergence = [
+        {
+            "pillar_radius_um": 8.0,
+            "periodicity": 10,
+            "stiffness_set": "3",
+            "cell_shape": "biconcave",
+            "cell_radius_um": 7.5,
+            "knob": "spacing_um",
+            "steps": [1.1, 0.8, 0.6],
+            "critical_gaps_um": [17.0, 17.2, 17.3],
+            "range_um": 0.3,
+            "observed_order": None,
+            "extrapolated_gap_um": None,
+            "error_um": None,
+            "note": "no order",
+        }
+    ]
+    curve = [
+        {
+            "model": model,
+            "repeat": k,
+            "geometries": n,
+            "outcomes": 3 * n,
+            "n_test": 6,
+            "rmse_deg": error * (1 + 1 / n) + 0.01 * k,
+            "mae_deg": 0.1,
+            "fit_time_s": 0.1,
+            "simulation_time_s": 12.0 * n,
+        }
+        for model, error in (("XGBoost", 0.4), ("rule", 3.0))
+        for k in range(3)
+        for n in (3, 6, 9)
+    ]
+    regret = [
+        {
+            "request": "soft <from> stiff",
+            "method": method,
+            "repeat": 0,
+            "evaluations": n,
+            "best_deg": 3 - 1 / n,
+            "regret_deg": 1 / n,
+            "time_s": 0.01 * n,
+        }
+        for method in ("tpe", "random", "grid")
+        for n in (1, 10, 100)
+    ]
+    return {
+        "accuracy": pd.DataFrame(points),
+        "reference_check": pd.DataFrame(check),
+        "spot_check": pd.DataFrame(spot),
+        "convergence": pd.DataFrame(convergence),
+        "learning_curve": pd.DataFrame(curve),
+        "search_regret": pd.DataFrame(regret),
+    }
 
 
 def stability_table() -> pd.DataFrame:
     """A point that ran, one that was refused, and a stiff one with either time step."""
     blank = dict.fromkeys(c.name for c in COLUMNS["stability"])
-    about = {"family": "stiffness-10", "title": "Stiffness × 10", "label": "set 1",
-             "parameter": 10.0, "parameter_of": "multiplier", "stiffness_set": "1", "reason": "",
-             "time_step": "automatic", "outcome": "ran"}
-    return pd.DataFrame([blank | about | row for row in (
-        {"predicted_safe": True, "margin": 3.0, "refinement": 3.0},
-        {"predicted_safe": False, "margin": 3.0, "refinement": 1.0, "time_step": "as-given",
-         "outcome": "unstable", "reason": "too fast"},
-        {"family": "gap", "title": "Gap", "label": "4", "outcome": "refused", "reason": "too few"},
-    )])  # fmt: skip
+    about = {
+        "family": "stiffness-10",
+        "title": "Stiffness × 10",
+        "label": "set 1",
+        "parameter": 10.0,
+        "parameter_of": "multiplier",
+        "stiffness_set": "1",
+        "reason": "",
+        "time_step": "automatic",
+        "outcome": "ran",
+    }
+    return pd.DataFrame(
+        [
+            blank | about | row
+            for row in (
+                {"predicted_safe": True, "margin": 3.0, "refinement": 3.0},
+                {
+                    "predicted_safe": False,
+                    "margin": 3.0,
+                    "refinement": 1.0,
+                    "time_step": "as-given",
+                    "outcome": "unstable",
+                    "reason": "too fast",
+                },
+                {
+                    "family": "gap",
+                    "title": "Gap",
+                    "label": "4",
+                    "outcome": "refused",
+                    "reason": "too few",
+                },
+            )
+        ]
+    )
 
 
 class Page(HTMLParser):
@@ -460,8 +778,9 @@ def test_text_from_tables_is_escaped(campaign):
 def test_page_shows_no_missing_number_as_such(campaign):
     _, page = campaign
     assert not re.search(r"\b(nan|null|inf)\b", page.text, re.I)
-    bare = [row for row in page.rows if {"", "none", "<na>", "nat"} & {
-        c.strip().lower() for c in row}]  # fmt: skip
+    bare = [
+        row for row in page.rows if {"", "none", "<na>", "nat"} & {c.strip().lower() for c in row}
+    ]
     assert not bare
 
 
@@ -521,8 +840,14 @@ def test_verified_designs_show_simulation_beside_prediction(campaign):
     _, page = campaign
     row, checks = (r for r in page.rows if "made-up-1" in r)
     assert "3.00 ± 0.30" in row and "7.00" in row and "14.30" in row and "8" in row
-    assert checks[2:] == ["4.00 ± 3.50", "confirmed", "3.00 ± 0.30", "2.80", "2.00 to 4.50",
-                          "2.50, –"]
+    assert checks[2:] == [
+        "4.00 ± 3.50",
+        "confirmed",
+        "3.00 ± 0.30",
+        "2.80",
+        "2.00 to 4.50",
+        "2.50, –",
+    ]
     verdict = page.rows[page.rows.index(row) + 1]
     assert verdict == ["separates by 3.00 ± 0.30°; prediction confirmed"]
     stuck = next(r for r in page.rows if "made-up-2" in r)
@@ -537,8 +862,9 @@ def blank_figures(monkeypatch):
 
 def write_campaign(folder, rows):
     """The tables of outcomes and runs of made-up runs, one of each outcome."""
-    write_table("outcomes", [make_outcome([row]) for row in rows], folder / "outcomes.parquet",
-                PROVENANCE)
+    write_table(
+        "outcomes", [make_outcome([row]) for row in rows], folder / "outcomes.parquet", PROVENANCE
+    )
     write_table("runs", rows, folder / "runs.parquet", PROVENANCE)
 
 
@@ -580,8 +906,11 @@ def test_nothing_to_show_is_refused_with_the_reasons(tmp_path):
     (tmp_path / "runs.parquet").write_bytes(b"PAR1 cut short")
     with pytest.raises(DldsimError, match="nothing to report") as refused:
         campaign_page.make_report(tmp_path, tmp_path / "report.html", CONFIG)
-    for reason in ("outcomes.parquet: It has no row", "runs.parquet is not a readable Parquet",
-                   "flows.parquet: It does not exist"):
+    for reason in (
+        "outcomes.parquet: It has no row",
+        "runs.parquet is not a readable Parquet",
+        "flows.parquet: It does not exist",
+    ):
         assert reason in str(refused.value)
     assert not (tmp_path / "report.html").exists()
 
@@ -599,8 +928,10 @@ def test_a_report_is_made_of_what_there_is(tmp_path, blank_figures):
     tables = make_design_tables("first")
     for kind in ("designs", "design_trials"):
         write_table(kind, tables[kind], tmp_path / TABLES[kind][0], PROVENANCE)
-    told = [{"request": "first", "status": "answered", "reason": ""},
-            {"request": "second", "status": "failed", "reason": "second: no array is feasible"}]
+    told = [
+        {"request": "first", "status": "answered", "reason": ""},
+        {"request": "second", "status": "failed", "reason": "second: no array is feasible"},
+    ]
     write_table("design_requests", told, tmp_path / TABLES["design_requests"][0], PROVENANCE)
     (tmp_path / "anova.parquet").write_bytes(b"PAR1 cut short")
     (tmp_path / "surrogate_card.json").write_text("{")
@@ -637,16 +968,22 @@ def test_designs_come_first_with_the_array(campaign):
     assert answer[:4] == ["soft <from> stiff", "7.00", "14.30", "8"]
     assert head[1:4] == ["Pr [µm]", "Pg [µm]", "Np"] and "3.00 ± 0.30" in answer
     assert verdict == ["separates by 3.00 ± 0.30°; prediction confirmed"]
-    assert re.search(r"largest simulated separation of a design \(soft <from> stiff\): "
-                     r"P_r 7\.00 µm, P_g 14\.3 µm, N_p 8", page.text)
+    assert re.search(
+        r"largest simulated separation of a design \(soft <from> stiff\): "
+        r"P_r 7\.00 µm, P_g 14\.3 µm, N_p 8",
+        page.text,
+    )
 
 
 def test_first_lines_say_what_the_designs_hold_for(campaign):
     text = campaign[1].text
-    assert text.index("Holds for biconcave discs of radius 7.5 µm at rest in a channel 20 µm high "
-                      "at a mean velocity of 1 mm/s.") < text.index("Table 1.")
+    assert text.index(
+        "Holds for biconcave discs of radius 7.5 µm at rest in a channel 20 µm high "
+        "at a mean velocity of 1 mm/s."
+    ) < text.index("Table 1.")
     assert text.index("biconcave disc of that radius, 15 µm across, not a bead") < text.index(
-        "Table 1.")
+        "Table 1."
+    )
 
 
 def test_tables_outside_folds_fit_the_page(campaign):
@@ -681,8 +1018,11 @@ def test_error_of_the_surrogate_is_one_number_and_the_other_is_explained(
 
 def rules_of(selector, text):
     """Declarations of a selector in a part of a style sheet."""
-    return " ".join(body for names, body in re.findall(r"([^{}]+)\{([^{}]*)\}", text)
-                    if selector in [name.strip() for name in names.split(",")])
+    return " ".join(
+        body
+        for names, body in re.findall(r"([^{}]+)\{([^{}]*)\}", text)
+        if selector in [name.strip() for name in names.split(",")]
+    )
 
 
 def test_the_text_column_is_wide_and_printing_keeps_headings(campaign):
@@ -701,10 +1041,18 @@ def test_the_text_column_is_wide_and_printing_keeps_headings(campaign):
 def test_a_page_without_contents_has_no_column_for_them(tmp_path):
     page = report_page.Page(tmp_path, tmp_path / "a.html", {}, {})
     for contents in (True, False):
-        report_page.write_page(page, title="t", heading="<h>", lead="", contents=contents, scope=[],
-                               notices=[], sections=[("a", "A", Markup("<p>body</p>"))])
+        report_page.write_page(
+            page,
+            title="t",
+            heading="<h>",
+            lead="",
+            contents=contents,
+            scope=[],
+            notices=[],
+            sections=[("a", "A", Markup("<p>body</p>"))],
+        )
         raw = page.output.read_text()
-        assert ("<nav" in raw) == ("with-contents\"" in raw) == contents
+        assert ("<nav" in raw) == ('with-contents"' in raw) == contents
         assert "<h1>&lt;h&gt;</h1>" in raw and "<p>body</p>" in raw
 
 
@@ -728,19 +1076,32 @@ def test_rules_named_for_missing_tables_make_them():
 
 @pytest.mark.parametrize(
     ("value", "digits", "shown"),
-    [(0.0, 3, "0"), (1234567, 3, "1 234 567"), (0.98765, 3, "0.988"), (9.996, 3, "10.0"),
-     (12345.6, 3, "12 346"), (-2.5, 2, "−2.5"), (3.2e-5, 2, "3.2 × 10⁻⁵"), (None, 3, "–"),
-     (float("nan"), 3, "–"), (True, 3, "yes"), (2.5e7, 3, "2.50 × 10⁷")],
-)  # fmt: skip
+    [
+        (0.0, 3, "0"),
+        (1234567, 3, "1 234 567"),
+        (0.98765, 3, "0.988"),
+        (9.996, 3, "10.0"),
+        (12345.6, 3, "12 346"),
+        (-2.5, 2, "−2.5"),
+        (3.2e-5, 2, "3.2 × 10⁻⁵"),
+        (None, 3, "–"),
+        (float("nan"), 3, "–"),
+        (True, 3, "yes"),
+        (2.5e7, 3, "2.50 × 10⁷"),
+    ],
+)
 def test_number_format(value, digits, shown):
     assert number(value, digits).replace("\u202f", " ") == shown
 
 
 def test_probability_and_duration_format():
     assert [probability(p) for p in (0.25, 4.4e-12, 0.0, None)] == [
-        "0.250", "4.4 × 10⁻¹²", "< 10⁻³⁰⁰", "–"]
-    assert [duration(s) for s in (47.0, 930.0, 12000.0)] == [
-        "47 s", "16 min", "3.33 h"]
+        "0.250",
+        "4.4 × 10⁻¹²",
+        "< 10⁻³⁰⁰",
+        "–",
+    ]
+    assert [duration(s) for s in (47.0, 930.0, 12000.0)] == ["47 s", "16 min", "3.33 h"]
 
 
 # --------------------------------------------------------------------- data computed for figures
@@ -765,8 +1126,13 @@ def test_cumulated_row_shifts_of_a_full_bump_count_rows():
 
 
 def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
-    run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0,
-           "release_gap_fraction": 0.5}  # fmt: skip
+    run = {
+        "pitch_um": 36.0,
+        "row_shift_fraction": 0.125,
+        "pillar_radius_um": 9.0,
+        "gap_um": 18.0,
+        "release_gap_fraction": 0.5,
+    }
     height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
     assert height.tolist() == pytest.approx([0.5] * 6) and steps.tolist() == pytest.approx([1] * 6)
     # Straight on, the pillars climb by a quarter of the gap per row.
@@ -777,12 +1143,21 @@ def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
 
 
 def test_row_maps_show_every_row_of_every_run():
-    row = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0,
-           "periodicity": 8, "stiffness_set": "1", "release_gap_fraction": 0.5}  # fmt: skip
+    row = {
+        "pitch_um": 36.0,
+        "row_shift_fraction": 0.125,
+        "pillar_radius_um": 9.0,
+        "gap_um": 18.0,
+        "periodicity": 8,
+        "stiffness_set": "1",
+        "release_gap_fraction": 0.5,
+    }
     steps = [1.0, 2.0, 4.5]
-    runs = [{**row, "run_id": "a", "lateral_steps_um": steps},
-            {**row, "run_id": "b", "lateral_steps_um": steps[:2]},
-            {**row, "run_id": "c", "gap_um": 20.0, "lateral_steps_um": steps}]  # fmt: skip
+    runs = [
+        {**row, "run_id": "a", "lateral_steps_um": steps},
+        {**row, "run_id": "b", "lateral_steps_um": steps[:2]},
+        {**row, "run_id": "c", "gap_um": 20.0, "lateral_steps_um": steps},
+    ]
     figure = trajectory_figures.draw_row_maps(pd.DataFrame(runs))
     points = [[len(line.get_xdata()) for line in axes.lines[1:]] for axes in figure.axes]
     assert points == [[3, 2], [3]]
@@ -818,13 +1193,24 @@ def test_picked_trajectories_show_each_mode_and_prefer_settled_runs(campaign):
 
 @pytest.mark.parametrize("status", ["converged", "undecided"])
 def test_sets_are_shown_to_part_only_if_settled_from_every_place(status):
-    runs = pd.DataFrame([
-        {"run_id": f"s{name}_y{place}", "outcome_id": f"s{name}", "stiffness_set": name,
-         "pillar_radius_um": 5.0, "gap_um": 16.0, "periodicity": 10, "mode": mode,
-         "migration_angle_deg": angle, "bump_angle_deg": 5.71,
-         "status": status if (name, place) == ("5", 0.2) else "periodic"}
-        for name, mode, angle in (("1", "bump", 5.71), ("5", "mixed", 1.0)) for place in (0.5, 0.2)
-    ])  # fmt: skip
+    runs = pd.DataFrame(
+        [
+            {
+                "run_id": f"s{name}_y{place}",
+                "outcome_id": f"s{name}",
+                "stiffness_set": name,
+                "pillar_radius_um": 5.0,
+                "gap_um": 16.0,
+                "periodicity": 10,
+                "mode": mode,
+                "migration_angle_deg": angle,
+                "bump_angle_deg": 5.71,
+                "status": status if (name, place) == ("5", 0.2) else "periodic",
+            }
+            for name, mode, angle in (("1", "bump", 5.71), ("5", "mixed", 1.0))
+            for place in (0.5, 0.2)
+        ]
+    )
     picked = trajectory_figures.pick_trajectories(runs)
     pairs = [ids for heading, ids in picked if "apart" in heading]
     assert pairs == ([["s1_y0.5", "s5_y0.5"]] if status == "converged" else [])
@@ -851,11 +1237,15 @@ def test_mode_points_place_outcomes_against_the_critical_diameter(campaign):
 
 
 def test_pooled_scores():
-    predictions = pd.DataFrame({
-        "model": ["A"] * 4 + ["B"] * 2, "split": "geometry", "repeat": 0,
-        "observed_deg": [0.0, 2.0, 4.0, 6.0, 1.0, 3.0],
-        "predicted_deg": [1.0, 1.0, 5.0, 5.0, 1.5, 3.5],
-    })  # fmt: skip
+    predictions = pd.DataFrame(
+        {
+            "model": ["A"] * 4 + ["B"] * 2,
+            "split": "geometry",
+            "repeat": 0,
+            "observed_deg": [0.0, 2.0, 4.0, 6.0, 1.0, 3.0],
+            "predicted_deg": [1.0, 1.0, 5.0, 5.0, 1.5, 3.5],
+        }
+    )
     scores = surrogate_figures.pooled_scores(predictions).set_index("model")
     assert list(scores.index) == ["B", "A"]  # best by geometry first
     assert scores.loc["A", ["rmse_deg", "mae_deg", "r2"]].tolist() == pytest.approx([1, 1, 0.8])
@@ -863,8 +1253,9 @@ def test_pooled_scores():
 
 
 def test_correlation_matrix_is_symmetric():
-    pairs = pd.DataFrame({
-        "variable_a": ["x", "x"], "variable_b": ["y", "z"], "pearson_r": [0.5, None]})
+    pairs = pd.DataFrame(
+        {"variable_a": ["x", "x"], "variable_b": ["y", "z"], "pearson_r": [0.5, None]}
+    )
     matrix = calibration_figures.correlation_matrix(pairs)
     assert matrix.loc["y", "x"] == matrix.loc["x", "y"] == 0.5
     assert matrix.loc["z", "z"] == 1 and np.isnan(matrix.loc["y", "z"])
@@ -890,8 +1281,9 @@ def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(campaign):
     tables, _ = campaign
     runs, trajectories = tables["runs"], tables["trajectory"]
     measured = runs[runs["migration_angle_deg"].notna()]
-    array = next(a for _, a in measured.groupby(["pillar_radius_um", "gap_um", "periodicity"])
-                 if len(a) > 1)  # fmt: skip
+    array = next(
+        a for _, a in measured.groupby(["pillar_radius_um", "gap_um", "periodicity"]) if len(a) > 1
+    )
     long, short = array["run_id"].iloc[:2]
     whole = trajectories[trajectories["run_id"] == short]
     cut = whole["x_um"].min() + 0.2 * np.ptp(whole["x_um"])

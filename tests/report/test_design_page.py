@@ -17,20 +17,28 @@ from tests.report.test_campaign_page import Page, rules_of
 
 
 def request_of(name, **changes):
-    return DesignRequest(name=name, stiffness_set_1="3", stiffness_set_2="3", radius_1_um=5,
-                         radius_2_um=9, **changes).model_dump(mode="json")
+    return DesignRequest(
+        name=name, stiffness_set_1="3", stiffness_set_2="3", radius_1_um=5, radius_2_um=9, **changes
+    ).model_dump(mode="json")
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("design")
-    about = {"config_hash": "0123abcd", "seed": 7, "settings": {
-        "cell": CellShape().model_dump(mode="json"), "flow": Flow().model_dump(mode="json"),
-        "design_requests": [request_of("pair", pillar_radius_um=(6, 12), periodicity=(4, 8))],
-        "surrogate": {"scores_by_geometry": {"median_absolute_error_deg": 0.3, "rmse_deg": 1.2},
-                      "data": {"used": 81, "geometries": 27, "sha256": "c34d39417d799b9d4f"}},
-        "holds_for": "biconcave discs of the radii named",
-    }}  # fmt: skip
+    about = {
+        "config_hash": "0123abcd",
+        "seed": 7,
+        "settings": {
+            "cell": CellShape().model_dump(mode="json"),
+            "flow": Flow().model_dump(mode="json"),
+            "design_requests": [request_of("pair", pillar_radius_um=(6, 12), periodicity=(4, 8))],
+            "surrogate": {
+                "scores_by_geometry": {"median_absolute_error_deg": 0.3, "rmse_deg": 1.2},
+                "data": {"used": 81, "geometries": 27, "sha256": "c34d39417d799b9d4f"},
+            },
+            "holds_for": "biconcave discs of the radii named",
+        },
+    }
     for kind, table in make_design_tables("pair").items():
         write_table(kind, table, folder / f"{kind}.parquet", about)
     write_report(folder, folder / "report.html")
@@ -53,8 +61,10 @@ def test_no_column_is_kept_for_contents_that_the_page_has_not(page):
 
 def test_first_lines_name_cells_channel_and_velocity(page):
     flow, cell = Flow(), CellShape()
-    first = (f"Holds for biconcave discs of radius 5 and 9 µm at rest in a channel "
-             f"{flow.height_um:g} µm high at a mean velocity of {flow.mean_velocity_mm_s:g} mm/s.")
+    first = (
+        f"Holds for biconcave discs of radius 5 and 9 µm at rest in a channel "
+        f"{flow.height_um:g} µm high at a mean velocity of {flow.mean_velocity_mm_s:g} mm/s."
+    )
     assert cell.shape == "biconcave"
     assert page.text.index(first) < page.text.index("Table 1.")
     disc = "is a biconcave disc of that radius, 10 µm across, not a bead"
@@ -80,7 +90,8 @@ def test_near_a_bound_counts_as_on_it(gap, side):
 def test_scope_of_other_shapes():
     assert holds_for("sphere", [5, 5.0], 0, 0.5) == (
         "Holds for spheres of radius 5 µm at rest in a channel without top or bottom at a mean "
-        "velocity of 0.5 mm/s.")
+        "velocity of 0.5 mm/s."
+    )
     assert "sphere 10 µm across" in meaning_of_radius("sphere", 5)
     assert "oblate ellipsoid" in meaning_of_radius("ellipsoid", 5, 0.6)
     assert "sphere of 8.4 µm" in meaning_of_radius("ellipsoid", 5, 0.6)
@@ -88,22 +99,43 @@ def test_scope_of_other_shapes():
 
 @pytest.mark.parametrize(
     ("half", "agrees", "words"),
-    [(2.82, True, "uninformative: includes zero"), (2.82, None, "uninformative: includes zero"),
-     (1.0, True, "confirmed"), (1.0, None, "–"), (1.0, False, "missed"), (2.82, False, "missed")],
-)  # fmt: skip
+    [
+        (2.82, True, "uninformative: includes zero"),
+        (2.82, None, "uninformative: includes zero"),
+        (1.0, True, "confirmed"),
+        (1.0, None, "–"),
+        (1.0, False, "missed"),
+        (2.82, False, "missed"),
+    ],
+)
 def test_a_prediction_whose_interval_includes_zero_is_not_confirmed(half, agrees, words):
     design = {"predicted_separation_deg": 2.07, "uncertainty_deg": half, "agrees": agrees}
     assert judged(design) == words
 
 
 def test_an_interval_that_includes_zero_is_drawn_apart():
-    table = pd.DataFrame([
-        {"request": "a", "round": 1, "role": "design", "array": k, "population": "difference",
-         "pillar_radius_um": 6.0, "gap_um": 14.0, "periodicity": 8, "height_um": 20.0,
-         "predicted_deg": 2.07, "predicted_low_deg": 2.07 - half, "predicted_high_deg": 2.07 + half,
-         "simulated_deg": 0.19, "sigma_num_deg": None, "agrees": None}
-        for k, half in enumerate((2.82, 1.0))
-    ])  # fmt: skip
+    table = pd.DataFrame(
+        [
+            {
+                "request": "a",
+                "round": 1,
+                "role": "design",
+                "array": k,
+                "population": "difference",
+                "pillar_radius_um": 6.0,
+                "gap_um": 14.0,
+                "periodicity": 8,
+                "height_um": 20.0,
+                "predicted_deg": 2.07,
+                "predicted_low_deg": 2.07 - half,
+                "predicted_high_deg": 2.07 + half,
+                "simulated_deg": 0.19,
+                "sigma_num_deg": None,
+                "agrees": None,
+            }
+            for k, half in enumerate((2.82, 1.0))
+        ]
+    )
     assert design_figures.tells_order(table).tolist() == [False, True]
     figure = design_figures.draw_rounds(table)
     bars = {to_hex(c.get_color()[0]).upper(): c.get_segments() for c in figure.axes[0].collections}
@@ -113,8 +145,15 @@ def test_an_interval_that_includes_zero_is_drawn_apart():
 
 
 def test_a_passage_is_labelled_by_what_the_cell_is():
-    row = {"stiffness_set": "request-1", "ks_uN_per_m": 5.123, "cell_radius_um": 7.5,
-           "migration_angle_deg": 3.3, "mode": "mixed", "status": "decided"}  # fmt: skip
+    row = {
+        "stiffness_set": "request-1",
+        "ks_uN_per_m": 5.123,
+        "cell_radius_um": 7.5,
+        "migration_angle_deg": 3.3,
+        "mode": "mixed",
+        "status": "decided",
+    }
     assert passage_label(1, row) == "cell 1, k_s 5.12 µN/m, R 7.5 µm: 3.30°, mixed"
     assert passage_label(2, {**row, "migration_angle_deg": None, "status": "stuck"}).endswith(
-        ": stuck")
+        ": stuck"
+    )

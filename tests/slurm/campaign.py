@@ -26,9 +26,19 @@ CLUSTER = Path(__file__).with_name("cluster.sh")
 
 
 def command(profile: str, *argv: str) -> list[str]:
-    return [sys.executable, "-m", "snakemake", "--profile", profile,
-            "--slurm-status-command", "squeue",  # no accounting database, hence no sacct
-            "all", *argv, "--config", "preset=tiny"]  # fmt: skip
+    return [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--profile",
+        profile,
+        "--slurm-status-command",
+        "squeue",  # no accounting database, hence no sacct
+        "all",
+        *argv,
+        "--config",
+        "preset=tiny",
+    ]
 
 
 def kill_by_limit(process: subprocess.Popen, env: dict) -> str:
@@ -36,9 +46,12 @@ def kill_by_limit(process: subprocess.Popen, env: dict) -> str:
     while process.poll() is None:
         time.sleep(2)
         lines = subprocess.run(
-            ["squeue", "-h", "-t", "RUNNING", "-o", "%i %k"], env=env, capture_output=True,
-            text=True, check=True,
-        ).stdout.splitlines()  # fmt: skip
+            ["squeue", "-h", "-t", "RUNNING", "-o", "%i %k"],
+            env=env,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.splitlines()
         for line in lines:
             number, comment = line.split(maxsplit=1)
             if "simulate_run" in comment:
@@ -66,8 +79,9 @@ def work(results: Path) -> tuple[int, float, float]:
     for path in (results / "benchmarks").rglob("*.tsv"):
         with path.open() as file:
             rows.append(next(csv.DictReader(file, delimiter="\t")))
-    seconds = [[float(row[k]) for row in rows if row[k] not in ("-", "NA")]
-               for k in ("s", "cpu_time")]  # fmt: skip
+    seconds = [
+        [float(row[k]) for row in rows if row[k] not in ("-", "NA")] for k in ("s", "cpu_time")
+    ]
     return len(rows), *map(sum, seconds)
 
 

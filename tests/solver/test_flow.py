@@ -22,9 +22,10 @@ EXACT = Numerics(precision="float64")
 
 def find(rows, **wanted):
     (row,) = [
-        r for r in rows
+        r
+        for r in rows
         if all(r[k] == (v if isinstance(v, str) else pytest.approx(v)) for k, v in wanted.items())
-    ]  # fmt: skip
+    ]
     return row
 
 
@@ -74,9 +75,12 @@ def test_interpolated_wall_sits_where_the_links_are_cut(fraction):
         solid = np.zeros((1, nodes + 1), bool)
         solid[0, 0] = True
         lattice = make_lattice(
-            solid, 1, walls=False, dtype=np.float64,
+            solid,
+            1,
+            walls=False,
+            dtype=np.float64,
             link_fraction=lambda ix, iy, cx, cy: np.full(len(ix), fraction),
-        )  # fmt: skip
+        )
         width = nodes - 1 + 2 * fraction
         u = steady(lattice, 1.25, width).velocity_field()[0, :, 0] * viscosity(1.25) / 1e-6
         y = np.arange(nodes) + fraction
@@ -159,9 +163,11 @@ def solved():
         if key not in done:
             done[key] = solve_empty_array(array_geometry(*key), IN_2D, DEFAULT)
         row = find(
-            read_reference("array_permeability_tensor_2d"), layout="row-shifted",
-            radius_over_pitch=radius_over_pitch, periodicity=periodicity,
-        )  # fmt: skip
+            read_reference("array_permeability_tensor_2d"),
+            layout="row-shifted",
+            radius_over_pitch=radius_over_pitch,
+            periodicity=periodicity,
+        )
         return done[key].summary(), row
 
     return solve

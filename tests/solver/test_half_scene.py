@@ -54,9 +54,13 @@ SHAPES = ["sphere", "biconcave", "ellipsoid"]
 HEIGHTS = {"link": 13.8, "node": 12.0}
 """Ten and nine nodes of the array below: a mirror between two layers, and through one."""
 SET_1 = Stiffness(
-    ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=5.1,
+    kb_pN_um=0.043,
+    kal_uN_per_m=10.2,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 # Slow enough for every scene here.
 NUMERICS = Numerics(precision="float64", velocity_lu=0.004)
@@ -121,9 +125,14 @@ def test_streaming_equals_the_lower_half_of_its_loop_form(height, interpolated):
     windows = [fluid.f, fluid.f_new]
     for _ in range(2):  # there, and back, when the list of nodes is walked from its end
         stream_collide(
-            *windows, fluid.force, fluid.velocity, lattice.streaming, fluid.parameters, False,
+            *windows,
+            fluid.force,
+            fluid.velocity,
+            lattice.streaming,
+            fluid.parameters,
+            False,
             fluid.buffer,
-        )  # fmt: skip
+        )
         windows.reverse()
         whole = naive.stream(whole, lattice.column, height, True, 4, fraction)
         after = nodes_of(windows[0], lattice)[:19]
@@ -267,10 +276,15 @@ def assert_same(half, whole):
     np.testing.assert_allclose(half.positions(), whole.positions(), rtol=0, atol=1e-9)
     ours, theirs = half.sample(), whole.sample()
     units = {
-        "centre": 1, "extent": 1, "clearance": 1, "volume_ratio": 1, "area_ratio": 1,
-        "speed_max": theirs.speed_max, "velocity": theirs.speed_max,
+        "centre": 1,
+        "extent": 1,
+        "clearance": 1,
+        "volume_ratio": 1,
+        "area_ratio": 1,
+        "speed_max": theirs.speed_max,
+        "velocity": theirs.speed_max,
         "mean_velocity": theirs.speed_max,
-    }  # fmt: skip
+    }
     for name, unit in units.items():
         np.testing.assert_allclose(
             getattr(ours, name), getattr(theirs, name), rtol=0, atol=1e-9 * unit, err_msg=name
@@ -363,9 +377,17 @@ def test_shapes_and_tables_of_a_run_are_those_of_the_whole(flows):
     for half, empty in flows.items():
         recorder = Recorder(5)
         run = simulate_run(
-            GEOMETRY, SET_1, Cell(radius_um=4.0), empty.flow, BOTH[half], RunControl(max_rows=2),
-            run_id="r", stiffness_set="1", empty_flow=empty, observe=recorder,
-        )  # fmt: skip
+            GEOMETRY,
+            SET_1,
+            Cell(radius_um=4.0),
+            empty.flow,
+            BOTH[half],
+            RunControl(max_rows=2),
+            run_id="r",
+            stiffness_set="1",
+            empty_flow=empty,
+            observe=recorder,
+        )
         results.append((run, recorder.shapes(GEOMETRY, run)))
     (ours, half), (theirs, whole) = results
     assert np.array_equal(half.faces, whole.faces) and np.array_equal(half.step, whole.step)
@@ -388,17 +410,28 @@ def test_shapes_and_tables_of_a_run_are_those_of_the_whole(flows):
 
 def test_a_constriction_is_passed_alike():
     channel = Constriction(
-        spacing_um=1.34, width_um=16, throat_width_um=8, throat_length_um=8, taper_length_um=4,
-        approach_length_um=12, height_um=10,
-    )  # fmt: skip
+        spacing_um=1.34,
+        width_um=16,
+        throat_width_um=8,
+        throat_length_um=8,
+        taper_length_um=4,
+        approach_length_um=12,
+        height_um=10,
+    )
     group = ConstrictionGroup(velocity_mm_s=1.0, stiffness=SET_1)
     ours, theirs = (
         simulate_constriction(
-            "G1", group, channel, Cell(radius_um=5.0), Flow(),
-            numerics.model_copy(update={"velocity_lu": 0.02}), release_position_um=0.0, run_id="r",
+            "G1",
+            group,
+            channel,
+            Cell(radius_um=5.0),
+            Flow(),
+            numerics.model_copy(update={"velocity_lu": 0.02}),
+            release_position_um=0.0,
+            run_id="r",
         )
         for numerics in BOTH.values()
-    )  # fmt: skip
+    )
     assert ours.row["status"] == theirs.row["status"] == "converged"
     for name in ("deformation_index", "throat_d_um", "throat_h_um", "volume_drift_max"):
         assert ours.row[name] == pytest.approx(theirs.row[name], rel=1e-7), name

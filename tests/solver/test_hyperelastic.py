@@ -53,9 +53,16 @@ def sheet(corners):
     lengths = np.linalg.norm(np.roll(corners, 1, axis=0) - np.roll(corners, -1, axis=0), axis=1)
     faces, edges = np.array([[0, 1, 2]], np.int32), np.zeros((3, 2), np.int32)
     return mb.Membrane(
-        faces, edges, edges, np.array([[0, 1, 2]], np.int32), lengths, np.zeros(3), np.ones(1),
-        1.0, 1.0,
-    )  # fmt: skip
+        faces,
+        edges,
+        edges,
+        np.array([[0, 1, 2]], np.int32),
+        lengths,
+        np.zeros(3),
+        np.ones(1),
+        1.0,
+        1.0,
+    )
 
 
 def forces(x, membrane, moduli):

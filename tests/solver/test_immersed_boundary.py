@@ -34,9 +34,13 @@ from tests.solver import naive
 
 COUPLINGS = ["no-slip", "dissipative"]
 SET_1 = Stiffness(
-    ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=5.1,
+    kb_pN_um=0.043,
+    kal_uN_per_m=10.2,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 
 
 @pytest.fixture
@@ -175,19 +179,30 @@ def test_a_vertex_and_its_image_touch_the_same_nodes(rng, kernel):
 
 
 def make_cell(
-    coupling="no-slip", precision="float64", shape="sphere", radius_um=5.0, axis="y",
-    box=(20, 20, 20), walls=False, place=None, **numerics,
-):  # fmt: skip
+    coupling="no-slip",
+    precision="float64",
+    shape="sphere",
+    radius_um=5.0,
+    axis="y",
+    box=(20, 20, 20),
+    walls=False,
+    place=None,
+    **numerics,
+):
     """A cell in a box without drive: 4 nodes in radius, a step that needs no shortening."""
     numerics = {"coupling": coupling, "precision": precision, "relaxation_time": 1.25} | numerics
     numerics = Numerics(**numerics)
     lattice = make_lattice(np.zeros(box[:2], bool), box[2], walls=walls, dtype=np.dtype(precision))
     scene = CellInFlow(
-        Fluid.of(lattice, numerics), Units.of(numerics.spacing_um, Flow(), numerics),
-        Cell(shape=shape, radius_um=radius_um, axis=axis), SET_1, numerics,
+        Fluid.of(lattice, numerics),
+        Units.of(numerics.spacing_um, Flow(), numerics),
+        Cell(shape=shape, radius_um=radius_um, axis=axis),
+        SET_1,
+        numerics,
         {"plates": True, "height": float(box[2])} if walls else {},
-        np.diag([np.inf, np.inf]), np.zeros(2),
-    )  # fmt: skip
+        np.diag([np.inf, np.inf]),
+        np.zeros(2),
+    )
     scene.place(np.array(box) / 2 + 0.3 if place is None else place)
     return scene
 
@@ -298,8 +313,9 @@ def test_a_cell_moves_undeformed_with_a_uniform_flow(coupling, inertia):
     scene.body.v[:] = scene.body.smooth[:] = velocity
     start = scene.body.x.copy()
     scene.advance(1000)  # once around the box along x
-    np.testing.assert_allclose(scene.body.x - start, np.tile(1000 * velocity, (len(start), 1)),
-                               rtol=0, atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose(
+        scene.body.x - start, np.tile(1000 * velocity, (len(start), 1)), rtol=0, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
@@ -309,9 +325,12 @@ def test_axes_are_alike(coupling):
     ends = []
     for shift, axis in ((0, "x"), (1, "y"), (2, "z")):
         scene = make_cell(
-            coupling, shape="biconcave", axis=axis, box=tuple(np.roll(box, shift).tolist()),
+            coupling,
+            shape="biconcave",
+            axis=axis,
+            box=tuple(np.roll(box, shift).tolist()),
             place=np.roll(place, shift),
-        )  # fmt: skip
+        )
         x = np.roll(node_positions(scene.fluid.lattice), -shift, axis=0)
         k = (2 * np.pi / box)[:, None, None]
         flow = 0.02 * np.sin(k * x)[[1, 2, 0]] * np.array([1, 0.5, -0.7])[:, None, None]
@@ -338,11 +357,21 @@ def test_friction_belongs_to_the_membrane_and_not_to_its_mesh():
 
 def make_contact(vertices, **surfaces):
     values = {
-        "strength": np.full(vertices, 0.3), "exponent": 1.2, "reach": 0.8, "core": 0.04,
-        "pillars": False, "pitch": 12.0, "row_shift": 3.0, "radius": 4.0,
-        "plates": False, "height": 8.0,
-        "channel": False, "profile": np.zeros((2, 1)), "centre": 0.0, "length": 1.0,
-    }  # fmt: skip
+        "strength": np.full(vertices, 0.3),
+        "exponent": 1.2,
+        "reach": 0.8,
+        "core": 0.04,
+        "pillars": False,
+        "pitch": 12.0,
+        "row_shift": 3.0,
+        "radius": 4.0,
+        "plates": False,
+        "height": 8.0,
+        "channel": False,
+        "profile": np.zeros((2, 1)),
+        "centre": 0.0,
+        "length": 1.0,
+    }
     return Contact(**{**values, **surfaces})
 
 
@@ -350,9 +379,11 @@ def make_contact(vertices, **surfaces):
 def channel():
     made = make_channel(Constriction(spacing_um=1.0), Numerics())
     return {
-        "channel": True, "profile": made.profile, "centre": made.centre,
+        "channel": True,
+        "profile": made.profile,
+        "centre": made.centre,
         "length": float(made.length),
-    }  # fmt: skip
+    }
 
 
 def pillar_centres(contact):

@@ -18,10 +18,14 @@ def test_every_module_with_kernels_is_part_of_the_key():
     for path in jit.PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in getattr(node, "names", []) if hasattr(alias, "name")]
-            if (isinstance(node, ast.ImportFrom) and node.module == "dldsim.solver.jit"
-                    or "numba" in names
-                    or isinstance(node, ast.ImportFrom) and node.module == "dldsim.solver"
-                    and "jit" in names):  # fmt: skip
+            if (
+                isinstance(node, ast.ImportFrom)
+                and node.module == "dldsim.solver.jit"
+                or "numba" in names
+                or isinstance(node, ast.ImportFrom)
+                and node.module == "dldsim.solver"
+                and "jit" in names
+            ):
                 compiling.add(path)
     assert compiling and set(jit._kernel_sources()) >= compiling
     assert {path.parent for path in compiling} > {jit.PACKAGE / "solver"}
@@ -80,10 +84,13 @@ def package(tmp_path):
 def outer(package, **environment):
     """What the outer kernel gives in a fresh process, and what the process said."""
     done = subprocess.run(
-        [sys.executable, "-m", "dldsim.solver.outer"], cwd=package.parents[1],
+        [sys.executable, "-m", "dldsim.solver.outer"],
+        cwd=package.parents[1],
         env={"PATH": os.environ["PATH"], "PYTHONPATH": str(package.parents[1]), **environment},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     value, cache = done.stdout.split(maxsplit=1)
     return float(value), cache.strip(), done.stderr
@@ -100,10 +107,14 @@ def test_no_kernel_of_older_sources_runs_whatever_the_environment_says(package, 
     assert outer(package, **wanted)[0] == 30.0
 
 
-@pytest.mark.parametrize("environment", [
-    {"NUMBA_CACHE_DIR": "/dev/null/cache"}, {"XDG_CACHE_HOME": "/dev/null/cache"},
-    {"HOME": "/dev/null", "XDG_CACHE_HOME": ""},
-])
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"NUMBA_CACHE_DIR": "/dev/null/cache"},
+        {"XDG_CACHE_HOME": "/dev/null/cache"},
+        {"HOME": "/dev/null", "XDG_CACHE_HOME": ""},
+    ],
+)
 def test_without_a_place_to_write_kernels_are_compiled_anew_and_that_is_said(package, environment):
     value, cache, said = outer(package, **environment)
     assert (value, cache) == (10.0, "None")
@@ -122,10 +133,15 @@ def test_a_user_without_a_home_is_told(monkeypatch):
         assert jit._usable_cache() is None
 
 
-@pytest.mark.parametrize(("variable", "value", "home"), [
-    ("NUMBA_CACHE_DIR", "/a", "/a"), ("XDG_CACHE_HOME", "/b", "/b/dldsim"),
-    ("XDG_CACHE_HOME", "", "/c/.cache/dldsim"), ("XDG_CACHE_HOME", "here", "/c/.cache/dldsim"),
-])
+@pytest.mark.parametrize(
+    ("variable", "value", "home"),
+    [
+        ("NUMBA_CACHE_DIR", "/a", "/a"),
+        ("XDG_CACHE_HOME", "/b", "/b/dldsim"),
+        ("XDG_CACHE_HOME", "", "/c/.cache/dldsim"),
+        ("XDG_CACHE_HOME", "here", "/c/.cache/dldsim"),
+    ],
+)
 def test_the_home_of_caches(variable, value, home, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("HOME", "/c")

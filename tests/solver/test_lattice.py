@@ -28,17 +28,29 @@ def make_fluid(lattice, relaxation_time=0.8, collision="trt", inertia=False, dty
 def step(fluid):
     """One step; the state moves to ``f_new``, and nothing is left of ``f``."""
     stream_collide(
-        fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.lattice.streaming,
-        fluid.parameters, fluid.inertia, fluid.buffer,
-    )  # fmt: skip
+        fluid.f,
+        fluid.f_new,
+        fluid.force,
+        fluid.velocity,
+        fluid.lattice.streaming,
+        fluid.parameters,
+        fluid.inertia,
+        fluid.buffer,
+    )
 
 
 def step_back(fluid):
     """The next one; the state returns to ``f``."""
     stream_collide(
-        fluid.f_new, fluid.f, fluid.force, fluid.velocity, fluid.lattice.streaming,
-        fluid.parameters, fluid.inertia, fluid.buffer,
-    )  # fmt: skip
+        fluid.f_new,
+        fluid.f,
+        fluid.force,
+        fluid.velocity,
+        fluid.lattice.streaming,
+        fluid.parameters,
+        fluid.inertia,
+        fluid.buffer,
+    )
 
 
 def nodes_of(array, lattice):
@@ -81,10 +93,11 @@ def test_weights_sum_to_one_and_opposites_pair_up():
 def test_stencil_is_isotropic_to_fourth_order():
     c, d = VELOCITIES, np.eye(3)
     moment = [
-        np.einsum("q," + ",".join("q" + a for a in "abcde"[:n]) + "->" + "abcde"[:n],
-                  WEIGHTS, *[c] * n)
+        np.einsum(
+            "q," + ",".join("q" + a for a in "abcde"[:n]) + "->" + "abcde"[:n], WEIGHTS, *[c] * n
+        )
         for n in range(1, 6)
-    ]  # fmt: skip
+    ]
     pairs = (
         np.einsum("ab,cd->abcd", d, d)
         + np.einsum("ac,bd->abcd", d, d)

@@ -284,8 +284,9 @@ def relax(x0, membrane, moduli, pull):
 @pytest.mark.parametrize("row", [1, 4])
 def test_static_stretching_equals_that_of_espresso(row, reference_membrane):
     with (REFERENCE / "stretching.csv").open() as lines:
-        expected = {key: float(value) for key, value in list(csv.DictReader(lines))[row].items()
-                    if value}  # fmt: skip
+        expected = {
+            key: float(value) for key, value in list(csv.DictReader(lines))[row].items() if value
+        }
     patches = json.loads((REFERENCE / "stretching_patches.json").read_text())
     x0, membrane = reference_membrane
     pull = np.zeros_like(x0)

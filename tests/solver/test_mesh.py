@@ -124,9 +124,16 @@ def broken(kind):
 
 @pytest.mark.parametrize(
     "kind",
-    ["hole", "flipped face", "doubled", "two spheres", "unused vertex", "collapsed face",
-     "quadrilaterals"],
-)  # fmt: skip
+    [
+        "hole",
+        "flipped face",
+        "doubled",
+        "two spheres",
+        "unused vertex",
+        "collapsed face",
+        "quadrilaterals",
+    ],
+)
 def test_surfaces_that_are_not_one_sphere_are_refused(kind):
     with pytest.raises(DldsimError):
         mesh.make_topology(broken(kind))
@@ -134,9 +141,15 @@ def test_surfaces_that_are_not_one_sphere_are_refused(kind):
 
 @pytest.mark.parametrize(
     "arguments",
-    [("cube", 1, 4), ("sphere", 0, 4), ("sphere", 1, 0), ("sphere", 1, 2.5),
-     ("ellipsoid", 1, 4, -0.5), ("sphere", 1, 4, 1.0, "w")],
-)  # fmt: skip
+    [
+        ("cube", 1, 4),
+        ("sphere", 0, 4),
+        ("sphere", 1, 0),
+        ("sphere", 1, 2.5),
+        ("ellipsoid", 1, 4, -0.5),
+        ("sphere", 1, 4, 1.0, "w"),
+    ],
+)
 def test_impossible_shapes_are_refused(arguments):
     with pytest.raises(DldsimError):
         mesh.make_shape(*arguments)

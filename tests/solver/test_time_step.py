@@ -16,18 +16,28 @@ from dldsim.solver.time_step import again_if_unstable
 from dldsim.solver.units import Units
 
 SET_5 = Stiffness(
-    ks_uN_per_m=20.3, kb_pN_um=0.35, kal_uN_per_m=40.6, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=20.3,
+    kb_pN_um=0.35,
+    kal_uN_per_m=40.6,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 
 
 def make_scene(stiffness=SET_5, edge_to_spacing=2.0, **numerics):
     numerics = Numerics(edge_to_spacing=edge_to_spacing, precision="float64", **numerics)
     lattice = make_lattice(np.zeros((20, 20), bool), 20, walls=False, dtype=np.float64)
     scene = CellInFlow(
-        Fluid.of(lattice, numerics), Units.of(1.25, Flow(), numerics),
-        Cell(shape="sphere", radius_um=5), stiffness, numerics, {}, np.eye(2), np.zeros(2),
-    )  # fmt: skip
+        Fluid.of(lattice, numerics),
+        Units.of(1.25, Flow(), numerics),
+        Cell(shape="sphere", radius_um=5),
+        stiffness,
+        numerics,
+        {},
+        np.eye(2),
+        np.zeros(2),
+    )
     scene.place((10.2, 9.7, 10.4))
     return scene
 
@@ -131,9 +141,13 @@ def test_what_no_time_step_cures_is_said(change, words):
 
 @pytest.mark.parametrize(
     ("time_step", "statuses", "factors"),
-    [("automatic", ["converged"], [1]), ("automatic", ["unstable", "stuck"], [1, 2]),
-     ("automatic", ["unstable", "unstable"], [1, 2]), ("as-given", ["unstable"], [1])],
-)  # fmt: skip
+    [
+        ("automatic", ["converged"], [1]),
+        ("automatic", ["unstable", "stuck"], [1, 2]),
+        ("automatic", ["unstable", "unstable"], [1, 2]),
+        ("as-given", ["unstable"], [1]),
+    ],
+)
 def test_an_unstable_run_begins_anew_once(time_step, statuses, factors):
     asked, left = [], iter(statuses)
 

@@ -6,9 +6,13 @@ from dldsim.config.sections import Flow, Numerics, Stiffness
 from dldsim.solver.units import Units
 
 SET_1 = Stiffness(
-    ks_uN_per_m=5.1, kb_pN_um=0.043, kal_uN_per_m=10.2, kag_uN_per_m=500, kv_Pa=900,
+    ks_uN_per_m=5.1,
+    kb_pN_um=0.043,
+    kal_uN_per_m=10.2,
+    kag_uN_per_m=500,
+    kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
-)  # fmt: skip
+)
 
 
 @pytest.fixture

@@ -78,8 +78,13 @@ def test_dict_list_and_frame_give_the_same(path):
 
 
 def test_numpy_columns_are_taken(path):
-    data = {"design": ["x", "x"], "variable_a": np.array(["a", "b"]), "variable_b": ["c", "d"],
-            "pearson_r": np.array([0.1, 0.2], np.float32), "n": np.array([1.0, 2.0])}
+    data = {
+        "design": ["x", "x"],
+        "variable_a": np.array(["a", "b"]),
+        "variable_b": ["c", "d"],
+        "pearson_r": np.array([0.1, 0.2], np.float32),
+        "n": np.array([1.0, 2.0]),
+    }
     write_table("calibration_correlations", data, path, ABOUT)
     assert [row["n"] for row in read_rows("calibration_correlations", path)] == [1, 2]
 
@@ -95,8 +100,10 @@ def test_numpy_columns_are_taken(path):
         (example(pearson_r="high"), ["pearson_r", "double"]),
         (example(extra=1), ["unknown extra"]),
         ([{"variable_a": "x"}], ["missing design, variable_b, pearson_r, n"]),
-        ({key: [value] for key, value in example()[0].items()}
-         | {"variable_a": ["a", "b"]}, ["unequal"]),
+        (
+            {key: [value] for key, value in example()[0].items()} | {"variable_a": ["a", "b"]},
+            ["unequal"],
+        ),
     ],
 )
 def test_bad_data_is_refused(data, parts, path):
@@ -182,7 +189,12 @@ def test_description_tells_units_and_origin(path):
     assert about["provenance"]["seed"] == 7
     assert about["provenance"]["physics_version"] == PHYSICS_VERSION
     assert [c["name"] for c in about["columns"]] == [
-        "design", "variable_a", "variable_b", "pearson_r", "n"]
+        "design",
+        "variable_a",
+        "variable_b",
+        "pearson_r",
+        "n",
+    ]
     assert all(c["description"] for c in about["columns"])
 
 

@@ -29,7 +29,10 @@ def test_rules_make_the_files_of_the_tables(outputs):
 
 
 def test_every_table_that_a_rule_gathers_is_known(outputs):
-    written = {name for text in outputs.values()
-               for name in re.findall(r"\{RESULTS\}/((?:reference/)?\w+)\.parquet", text)}
+    written = {
+        name
+        for text in outputs.values()
+        for name in re.findall(r"\{RESULTS\}/((?:reference/)?\w+)\.parquet", text)
+    }
     other = {"outcomes_verified", "reference/reference_outcomes", "reference/sigma_num_check"}
     assert written - other == {t.file.removesuffix(".parquet") for t in TABLES.values() if t.file}

@@ -44,54 +44,83 @@ def test_a_plain_table_needs_no_note():
     assert frame["migration_angle_deg"].tolist() == [2.2989, -0.5]
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    (PLAIN.replace(",", ";"), ["semicolons"]),
-    (PLAIN.replace(",", "\t"), ["tabs"]),
-    ("sep=;\n" + PLAIN.replace(",", ";"), ["semicolons"]),
-    (PLAIN.replace(",", ";").replace(".", ","), ["semicolons", "decimal commas in pillar_radius"]),
-    ("\n".join('"' + line.replace(",", '","') + '"' for line in PLAIN.strip().split("\n")), []),
-    ("\n".join('"' + line.replace(",", '","').replace(".", ",") + '"'
-               for line in PLAIN.strip().split("\n")), ["decimal commas"]),
-    (PLAIN.replace("gap_um", "gap_um "), ["'gap_um ' is read as gap_um"]),
-    (PLAIN.replace("gap_um", "\N{NO-BREAK SPACE}Gap_Um"), ["is read as gap_um"]),
-    (PLAIN.replace("\n4.0", "\n7,4.0").replace("pillar", ",pillar", 1), ["without a name"]),
-    (PLAIN.replace("\n4.0,12.0", "\n0,4.0,12.0").replace("\n4.0,12.5", "\n1,4.0,12.5")
-     .replace("pillar", "Unnamed: 0,pillar", 1), ["without a name"]),
-    (PLAIN.replace("\n4.0,12.0", "\n1,4.0,12.0").replace("\n4.0,12.5", "\n2,4.0,12.5")
-     .replace("pillar", "X,pillar", 1), ["row numbers"]),
-    (PLAIN.replace("\n4.0,12.0", '\n"a",4.0,12.0').replace("\n4.0,12.5", '\n"b",4.0,12.5'),
-     ["row numbers"]),  # R's write.table: one name fewer
-    (PLAIN.replace("\n", ",\n"), ["without a name"]),
-    (PLAIN.replace("2.2989\n", "2.2989,\n").replace("-0.5\n", "-0.5,\n"), ["without a name"]),
-    (PLAIN.encode("utf-16"), ["UTF-16"]),
-    (PLAIN.encode("utf-16-be"), ["UTF-16"]),
-    (PLAIN.encode("utf-8-sig"), []),
-    (PLAIN.replace("\n", "\r\n"), []),
-    (PLAIN.replace("\n", "\r"), []),
-    ("Export of 2026;;;;;\n\n" + PLAIN.replace(",", ";"), ["1 lines above the header"]),
-    (PLAIN + ",,,,,\n\n,,,,,\n", ["2 empty rows"]),
-    (PLAIN.replace("-0.5", "\N{MINUS SIGN}0.5"), []),
-    (PLAIN.replace("set,", "set,note \xb5,").replace(",1,", ",1,5 \xb5m,").replace(
-        ",3,", ",3,x,").encode("cp1252"), ["CP1252"]),
-    (PLAIN.replace(",1,", ",1.0,").replace(",3,", ",3.0,"), []),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PLAIN.replace(",", ";"), ["semicolons"]),
+        (PLAIN.replace(",", "\t"), ["tabs"]),
+        ("sep=;\n" + PLAIN.replace(",", ";"), ["semicolons"]),
+        (
+            PLAIN.replace(",", ";").replace(".", ","),
+            ["semicolons", "decimal commas in pillar_radius"],
+        ),
+        ("\n".join('"' + line.replace(",", '","') + '"' for line in PLAIN.strip().split("\n")), []),
+        (
+            "\n".join(
+                '"' + line.replace(",", '","').replace(".", ",") + '"'
+                for line in PLAIN.strip().split("\n")
+            ),
+            ["decimal commas"],
+        ),
+        (PLAIN.replace("gap_um", "gap_um "), ["'gap_um ' is read as gap_um"]),
+        (PLAIN.replace("gap_um", "\N{NO-BREAK SPACE}Gap_Um"), ["is read as gap_um"]),
+        (PLAIN.replace("\n4.0", "\n7,4.0").replace("pillar", ",pillar", 1), ["without a name"]),
+        (
+            PLAIN.replace("\n4.0,12.0", "\n0,4.0,12.0")
+            .replace("\n4.0,12.5", "\n1,4.0,12.5")
+            .replace("pillar", "Unnamed: 0,pillar", 1),
+            ["without a name"],
+        ),
+        (
+            PLAIN.replace("\n4.0,12.0", "\n1,4.0,12.0")
+            .replace("\n4.0,12.5", "\n2,4.0,12.5")
+            .replace("pillar", "X,pillar", 1),
+            ["row numbers"],
+        ),
+        (
+            PLAIN.replace("\n4.0,12.0", '\n"a",4.0,12.0').replace("\n4.0,12.5", '\n"b",4.0,12.5'),
+            ["row numbers"],
+        ),  # R's write.table: one name fewer
+        (PLAIN.replace("\n", ",\n"), ["without a name"]),
+        (PLAIN.replace("2.2989\n", "2.2989,\n").replace("-0.5\n", "-0.5,\n"), ["without a name"]),
+        (PLAIN.encode("utf-16"), ["UTF-16"]),
+        (PLAIN.encode("utf-16-be"), ["UTF-16"]),
+        (PLAIN.encode("utf-8-sig"), []),
+        (PLAIN.replace("\n", "\r\n"), []),
+        (PLAIN.replace("\n", "\r"), []),
+        ("Export of 2026;;;;;\n\n" + PLAIN.replace(",", ";"), ["1 lines above the header"]),
+        (PLAIN + ",,,,,\n\n,,,,,\n", ["2 empty rows"]),
+        (PLAIN.replace("-0.5", "\N{MINUS SIGN}0.5"), []),
+        (
+            PLAIN.replace("set,", "set,note \xb5,")
+            .replace(",1,", ",1,5 \xb5m,")
+            .replace(",3,", ",3,x,")
+            .encode("cp1252"),
+            ["CP1252"],
+        ),
+        (PLAIN.replace(",1,", ",1.0,").replace(",3,", ",3.0,"), []),
+    ],
+)
 def test_what_can_mean_one_thing_only_is_read(text, words):
     same(text, *words)
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    (b"", ["is empty", "column names"]),
-    (b"PK\x03\x04 and so on", ["Excel workbook", "as CSV"]),
-    (b"\x1f\x8b\x08 and so on", ["gzip", "as CSV"]),
-    (b"PAR1 cut off", ["not a readable Parquet"]),
-    (b"a,b\n1,2\n\x00\x00\x00\x00" + b"x" * 300, ["zero bytes"]),
-    (PLAIN[:-20], ["row 2 below the header", "fields", "cut off"]),
-    (PLAIN.replace("2.2989", "2.2989,7,8"), ["6 columns", "8"]),
-    (PLAIN.replace("gap_um", "pillar_radius_um"), ["pillar_radius_um is there more than once"]),
-    (PLAIN.replace(",", ";").replace("12.0", "1.012,0"), ["'1.012,0' is no number"]),
-    (HEADER.replace(",", ";") + "\n4,0;12.5;4;1;0,68;2,2\n", ["'4,0'", "'12.5'", "thousands"]),
-    (HEADER + '\n4,"1,200",4,1,0,2\n', ["'1,200'", "thousands"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (b"", ["is empty", "column names"]),
+        (b"PK\x03\x04 and so on", ["Excel workbook", "as CSV"]),
+        (b"\x1f\x8b\x08 and so on", ["gzip", "as CSV"]),
+        (b"PAR1 cut off", ["not a readable Parquet"]),
+        (b"a,b\n1,2\n\x00\x00\x00\x00" + b"x" * 300, ["zero bytes"]),
+        (PLAIN[:-20], ["row 2 below the header", "fields", "cut off"]),
+        (PLAIN.replace("2.2989", "2.2989,7,8"), ["6 columns", "8"]),
+        (PLAIN.replace("gap_um", "pillar_radius_um"), ["pillar_radius_um is there more than once"]),
+        (PLAIN.replace(",", ";").replace("12.0", "1.012,0"), ["'1.012,0' is no number"]),
+        (HEADER.replace(",", ";") + "\n4,0;12.5;4;1;0,68;2,2\n", ["'4,0'", "'12.5'", "thousands"]),
+        (HEADER + '\n4,"1,200",4,1,0,2\n', ["'1,200'", "thousands"]),
+    ],
+)
 def test_what_can_mean_two_things_is_refused(text, words):
     with pytest.raises(DldsimError) as error:
         frame = read(text).frame
@@ -99,9 +128,15 @@ def test_what_can_mean_two_things_is_refused(text, words):
     assert all(word in str(error.value) for word in words), error.value
 
 
-@pytest.mark.parametrize("name", ["anova_excel_semicolon_decimal_comma.csv", "ANOVA_EXPORT.CSV",
-                                  "anova_header_trailing_space.csv",
-                                  "anova_r_factors_dictionary.parquet"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "anova_excel_semicolon_decimal_comma.csv",
+        "ANOVA_EXPORT.CSV",
+        "anova_header_trailing_space.csv",
+        "anova_r_factors_dictionary.parquet",
+    ],
+)
 def test_files_of_strangers_hold_one_table(name):
     frame = read_user_table(DATA / name).frame
     plain = read_user_table(DATA / "anova_negative_sign.csv").frame
@@ -117,14 +152,20 @@ def test_empty_cells_are_null_whatever_they_are_called():
 
 def test_columns_of_parquet_come_in_many_types():
     buffer = io.BytesIO()
-    pq.write_table(pa.table({
-        "pillar_radius_um": pa.array([decimal.Decimal("4.5"), None]),
-        "gap_um": pa.array(["12", "14.5"]).dictionary_encode(),
-        "periodicity": pa.array(["4", "5"]), "stiffness_set": pa.array([1.0, None]),
-        "deformation_index": pa.array([1, 0], pa.uint8()),
-        "migration_angle_deg": pa.array([1.5, float("inf")], pa.float32()),
-        "__index_level_0__": pa.array([5, 6]),
-    }), buffer)
+    pq.write_table(
+        pa.table(
+            {
+                "pillar_radius_um": pa.array([decimal.Decimal("4.5"), None]),
+                "gap_um": pa.array(["12", "14.5"]).dictionary_encode(),
+                "periodicity": pa.array(["4", "5"]),
+                "stiffness_set": pa.array([1.0, None]),
+                "deformation_index": pa.array([1, 0], pa.uint8()),
+                "migration_angle_deg": pa.array([1.5, float("inf")], pa.float32()),
+                "__index_level_0__": pa.array([5, 6]),
+            }
+        ),
+        buffer,
+    )
     frame, notes, _ = read(buffer.getvalue(), "t.parquet")
     assert list(frame) == HEADER.split(",") and "dictionary" in notes[0]
     assert frame["stiffness_set"].tolist() == ["1", None]
@@ -133,38 +174,57 @@ def test_columns_of_parquet_come_in_many_types():
     assert np.isnan(numbers[0][1]) and numbers[1].tolist() == [12, 14.5]
 
 
-@pytest.mark.parametrize(("values", "words"), [
-    ([True, False], ["True", "true or false", "1 more rows"]),
-    ([1.0, True], ["true or false"]),
-    ([1.0, "7.5 um"], ["row 2", "'7.5 um' is no number"]),
-    ([datetime.date(2026, 5, 4), 1.0], ["2026-05-04", "no number"]),
-    ([[1.0], 1.0], ["no number"]),
-    ([1 + 2j, 1.0], ["no number"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ([True, False], ["True", "true or false", "1 more rows"]),
+        ([1.0, True], ["true or false"]),
+        ([1.0, "7.5 um"], ["row 2", "'7.5 um' is no number"]),
+        ([datetime.date(2026, 5, 4), 1.0], ["2026-05-04", "no number"]),
+        ([[1.0], 1.0], ["no number"]),
+        ([1 + 2j, 1.0], ["no number"]),
+    ],
+)
 def test_what_is_no_number_is_refused(values, words):
     with pytest.raises(DldsimError) as error:
         as_numbers(pd.Series(values, name="gap_um"), "here")
     assert all(word in str(error.value) for word in ("here, column gap_um", *words)), error.value
 
 
-@pytest.mark.parametrize(("given", "key"), [
-    (1, "1"), (1.0, "1"), ("1.0", "1"), (" 1 ", "1"), (np.int8(3), "3"), (np.float32(3), "3"),
-    ("soft", "soft"), ("1.5", "1.5"), ("01", "01"), (None, None), (float("nan"), None), ("", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "key"),
+    [
+        (1, "1"),
+        (1.0, "1"),
+        ("1.0", "1"),
+        (" 1 ", "1"),
+        (np.int8(3), "3"),
+        (np.float32(3), "3"),
+        ("soft", "soft"),
+        ("1.5", "1.5"),
+        ("01", "01"),
+        (None, None),
+        (float("nan"), None),
+        ("", None),
+    ],
+)
 def test_a_key_is_the_same_text_from_every_type(given, key):
     assert as_key(given) == key
     assert as_keys(pd.Series([given, "x"], dtype=object)).tolist() == [key, "x"]
 
 
-@pytest.mark.parametrize(("name", "value", "words"), [
-    ("pillar_radius_um", -5, ["-5", "0.1 to 1000"]),
-    ("pillar_radius_um", 4e-6, ["In m it would be 4 µm", "1e+06"]),
-    ("gap_um", 0.018, ["In mm it would be 18 µm"]),
-    ("periodicity", 0, ["0", "whole numbers from 2"]),
-    ("periodicity", 4.5, ["4.5", "whole numbers"]),
-    ("deformation_index", 7, ["7", "0 to 1"]),
-    ("migration_angle_deg", 9999, ["9999", "-90 to 90"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("pillar_radius_um", -5, ["-5", "0.1 to 1000"]),
+        ("pillar_radius_um", 4e-6, ["In m it would be 4 µm", "1e+06"]),
+        ("gap_um", 0.018, ["In mm it would be 18 µm"]),
+        ("periodicity", 0, ["0", "whole numbers from 2"]),
+        ("periodicity", 4.5, ["4.5", "whole numbers"]),
+        ("deformation_index", 7, ["7", "0 to 1"]),
+        ("migration_angle_deg", 9999, ["9999", "-90 to 90"]),
+    ],
+)
 def test_what_a_column_cannot_hold_is_refused(name, value, words):
     check_plausible(pd.Series([np.nan, np.inf], name=name, dtype=float), "here")
     with pytest.raises(DldsimError) as error:

@@ -28,9 +28,7 @@ rule accuracy:
         csv=f"{RESULTS}/accuracy.csv",
     params:
         variants=VARIANTS,
-        settings=gathered(
-            VARIANTS, "accuracy", "cell", "constriction", "numerics", "run_control"
-        ),
+        settings=gathered(VARIANTS, "accuracy", "cell", "constriction", "numerics", "run_control"),
     log:
         f"{RESULTS}/logs/accuracy.log",
     benchmark:

@@ -25,9 +25,7 @@ rule constrict:
 
 rule constriction_runs:
     input:
-        expand(
-            f"{RESULTS}/constriction/{{constriction}}.run.parquet", constriction=CONSTRICTIONS
-        ),
+        expand(f"{RESULTS}/constriction/{{constriction}}.run.parquet", constriction=CONSTRICTIONS),
     output:
         table=f"{RESULTS}/constriction_runs.parquet",
         csv=f"{RESULTS}/constriction_runs.csv",

@@ -113,9 +113,7 @@ rule verifications:
         ),
         designs=expand(f"{RESULTS}/verify/{{request}}.verified_designs.parquet", request=REQUESTS),
         added=expand(f"{RESULTS}/verify/{{request}}.outcomes.parquet", request=REQUESTS),
-        requests=expand(
-            f"{RESULTS}/verify/{{request}}.verified_requests.parquet", request=REQUESTS
-        ),
+        requests=expand(f"{RESULTS}/verify/{{request}}.verified_requests.parquet", request=REQUESTS),
         files=expand(f"{RESULTS}/designs/{{request}}", request=REQUESTS),
         outcomes=rules.outcomes.output.table,
     output:

@@ -27,9 +27,7 @@ rule critical_gap_point:
     input:
         unpack(points_before),
     output:
-        table=ensure(
-            f"{RESULTS}/reference/searches/{{search}}--{{number}}.parquet", non_empty=True
-        ),
+        table=ensure(f"{RESULTS}/reference/searches/{{search}}--{{number}}.parquet", non_empty=True),
     params:
         settings=search_settings,
         partial=f"{RESULTS}/reference/partial/{{search}}",

@@ -28,7 +28,13 @@ rule report:
         f"{RESULTS}/report.html",
     params:
         settings=settings_of(
-            "preset", "seed", "cell", "flow", "numerics", "run_control", "constriction",
+            "preset",
+            "seed",
+            "cell",
+            "flow",
+            "numerics",
+            "run_control",
+            "constriction",
             "design_requests",
         ),
     log:

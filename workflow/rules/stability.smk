@@ -5,9 +5,7 @@ rule stability_family:
     output:
         table=ensure(f"{RESULTS}/stability/{{family}}.parquet", non_empty=True),
     params:
-        settings=settings_of(
-            "cell", "flow", "numerics", "stiffness_sets", "constriction_groups"
-        ),
+        settings=settings_of("cell", "flow", "numerics", "stiffness_sets", "constriction_groups"),
     log:
         f"{RESULTS}/logs/stability_family/{{family}}.log",
     benchmark:

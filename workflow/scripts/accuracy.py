@@ -9,4 +9,4 @@ with job_log(snakemake.log[0]):
         zip(snakemake.params.variants, map(Path, snakemake.input.rows), strict=True),
         snakemake.params.settings,
         table=Path(snakemake.output.table),
-    )  # fmt: skip
+    )

@@ -7,8 +7,10 @@ from dldsim.app.reference_jobs import point_job, simulator
 
 with job_log(snakemake.log[0]) as progress:
     point_job(
-        snakemake.wildcards.search, snakemake.params.settings,
-        before=snakemake.input.get("before"), start=snakemake.input.get("start"),
+        snakemake.wildcards.search,
+        snakemake.params.settings,
+        before=snakemake.input.get("before"),
+        start=snakemake.input.get("start"),
         table=Path(snakemake.output.table),
         simulate=simulator(Path(snakemake.params.partial), progress),
-    )  # fmt: skip
+    )

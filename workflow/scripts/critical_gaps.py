@@ -9,5 +9,6 @@ with job_log(snakemake.log[0]):
     gather_gaps(
         zip(snakemake.params.searches, map(Path, snakemake.input), strict=True),
         snakemake.params.settings,
-        gaps=Path(snakemake.output.gaps), convergence=Path(snakemake.output.convergence),
-    )  # fmt: skip
+        gaps=Path(snakemake.output.gaps),
+        convergence=Path(snakemake.output.convergence),
+    )

@@ -7,6 +7,9 @@ from dldsim.app.jobs import job_log
 from dldsim.app.reference_jobs import compare
 
 with job_log(snakemake.log[0]):
-    sentence = compare([*map(Path, snakemake.input.rows)], snakemake.params.settings,
-                       table=Path(snakemake.output.table))
+    sentence = compare(
+        [*map(Path, snakemake.input.rows)],
+        snakemake.params.settings,
+        table=Path(snakemake.output.table),
+    )
 sys.stderr.write(f"{sentence}\n")

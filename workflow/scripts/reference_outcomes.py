@@ -10,7 +10,9 @@ with job_log(snakemake.log[0]):
     files = map(Path, snakemake.input)
     sentence = gather_pairs(
         [(*pair, file) for pair, file in zip(snakemake.params.pairs, files, strict=True)],
-        snakemake.params.settings, outcomes=Path(snakemake.output.outcomes),
-        model=Path(snakemake.output.model), check=Path(snakemake.output.check),
-    )  # fmt: skip
+        snakemake.params.settings,
+        outcomes=Path(snakemake.output.outcomes),
+        model=Path(snakemake.output.model),
+        check=Path(snakemake.output.check),
+    )
 sys.stderr.write(f"{sentence}\n")

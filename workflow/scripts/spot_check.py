@@ -8,7 +8,9 @@ from dldsim.app.reference_jobs import gather_spot_check
 
 with job_log(snakemake.log[0]):
     sentence = gather_spot_check(
-        Path(snakemake.input.outcomes), [*map(Path, snakemake.input.checks)],
-        snakemake.params.settings, table=Path(snakemake.output.table),
-    )  # fmt: skip
+        Path(snakemake.input.outcomes),
+        [*map(Path, snakemake.input.checks)],
+        snakemake.params.settings,
+        table=Path(snakemake.output.table),
+    )
 sys.stderr.write(f"{sentence}\n")

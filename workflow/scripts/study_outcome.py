@@ -7,6 +7,8 @@ from dldsim.app.reference_jobs import outcome_job, simulator
 
 with job_log(snakemake.log[0]) as progress:
     outcome_job(
-        snakemake.wildcards.outcome, snakemake.params.settings, row=Path(snakemake.output.row),
+        snakemake.wildcards.outcome,
+        snakemake.params.settings,
+        row=Path(snakemake.output.row),
         simulate=simulator(Path(snakemake.params.partial), progress),
-    )  # fmt: skip
+    )

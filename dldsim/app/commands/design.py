@@ -23,14 +23,16 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if args.verify:
         output = output or Path(f"design-{request.name}")
     if output is not None:
-        check_writable(output / "files" / f"{request.name}-candidate-{request.candidates}.json",
-                       "--output")
+        check_writable(
+            output / "files" / f"{request.name}-candidate-{request.candidates}.json", "--output"
+        )
     safety = safety_distance_um(config)
     if args.safety_distance_um is not None:
         safety = check_value(Sweep, "safety_distance_um", args.safety_distance_um)
     known = finished_campaign.read_campaign(
         args.results or finished_campaign.packaged_campaign(),
-        Device() if config is None else config.device, safety,
+        Device() if config is None else config.device,
+        safety,
     )
     finished_campaign.check_settings(config, known, request, args.verify)
     budget = Verification() if config is None else config.verification
@@ -39,23 +41,33 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if args.verify:
         with Display() as progress:
             verdicts = design_answers.verify_request(
-                request, made.settings, known.chip, known.model, known.tables,
-                work=output / "outcomes", files=output / "files", progress=progress,
+                request,
+                made.settings,
+                known.chip,
+                known.model,
+                known.tables,
+                work=output / "outcomes",
+                files=output / "files",
+                progress=progress,
             )
         files += sorted(map(str, (output / "files").iterdir()))
     if output is not None:
         written = design_answers.write_designs(made, known, output, verdicts)
         files = list(dict.fromkeys([*map(str, written), *files]))
     summary = {
-        "request": resolved.model_dump(), "holds_for": known.model.holds_for,
-        "device": known.chip.device.model_dump(), "designs": records(found.designs),
-        "tolerances": records(found.tolerances), "importance": records(found.importance),
-        "trials": len(found.trials), "seed": args.seed,
+        "request": resolved.model_dump(),
+        "holds_for": known.model.holds_for,
+        "device": known.chip.device.model_dump(),
+        "designs": records(found.designs),
+        "tolerances": records(found.tolerances),
+        "importance": records(found.importance),
+        "trials": len(found.trials),
+        "seed": args.seed,
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry")},
         "verified_designs": None if verdicts is None else records(verdicts.designs),
         "verifications": None if verdicts is None else records(verdicts.verifications),
         "files": files,
-    }  # fmt: skip
+    }
     return summary, _design_lines(summary)
 
 
@@ -71,44 +83,62 @@ def _design_lines(summary: Mapping) -> list[str]:
         f"holds for {summary['holds_for']}",
         f"learnt from {data['used']} outcomes in {data['geometries']} arrays; median error on "
         f"arrays never seen {scores['median_absolute_error_deg']:.2f}°",
-        f"{summary['trials']} arrays tried, objective {request['objective']}", "",
+        f"{summary['trials']} arrays tried, objective {request['objective']}",
+        "",
         "Candidates (predicted, not simulated), lengths in µm, angles in degrees:",
-    ]  # fmt: skip
-    lines += in_columns({
-        "rank": [str(d["rank"]) for d in designs],
-        "P_r": [f"{d['pillar_radius_um']:.2f}" for d in designs],
-        "P_g": [f"{d['gap_um']:.2f}" for d in designs],
-        "N_p": [str(d["periodicity"]) for d in designs],
-        "cell 1": [f"{d['angle_1_deg']:.2f} {d['mode_1']}" for d in designs],
-        "cell 2": [f"{d['angle_2_deg']:.2f} {d['mode_2']}" for d in designs],
-        "separation": [f"{d['separation_deg']:.2f} ± {d['uncertainty_deg']:.2f}" for d in designs],
-        "robust": [f"{d['robust_separation_deg']:.2f}" for d in designs],
-        f"± {request['tolerance_um']:g} µm": [
-            f"{d['separation_tolerance_min_deg']:.2f} to {d['separation_tolerance_max_deg']:.2f}"
-            for d in designs],
-        "length [mm]": [optional(d["length_mm"], ".3g") for d in designs],
-        "pressure [kPa]": [optional(d["pressure_drop_kPa"], ".3g") for d in designs],
-        "verdict": [d["verdict"].partition(";")[0] for d in designs],
-    })  # fmt: skip
+    ]
+    lines += in_columns(
+        {
+            "rank": [str(d["rank"]) for d in designs],
+            "P_r": [f"{d['pillar_radius_um']:.2f}" for d in designs],
+            "P_g": [f"{d['gap_um']:.2f}" for d in designs],
+            "N_p": [str(d["periodicity"]) for d in designs],
+            "cell 1": [f"{d['angle_1_deg']:.2f} {d['mode_1']}" for d in designs],
+            "cell 2": [f"{d['angle_2_deg']:.2f} {d['mode_2']}" for d in designs],
+            "separation": [
+                f"{d['separation_deg']:.2f} ± {d['uncertainty_deg']:.2f}" for d in designs
+            ],
+            "robust": [f"{d['robust_separation_deg']:.2f}" for d in designs],
+            f"± {request['tolerance_um']:g} µm": [
+                f"{d['separation_tolerance_min_deg']:.2f} to "
+                f"{d['separation_tolerance_max_deg']:.2f}"
+                for d in designs
+            ],
+            "length [mm]": [optional(d["length_mm"], ".3g") for d in designs],
+            "pressure [kPa]": [optional(d["pressure_drop_kPa"], ".3g") for d in designs],
+            "verdict": [d["verdict"].partition(";")[0] for d in designs],
+        }
+    )
     notes = dict.fromkeys(note.strip() for d in designs for note in d["verdict"].split(";")[1:])
-    lines += ["", *notes,
-              "± uncertainty: half of the 90 % interval; robust: exceeded by nine of ten draws",
-              f"length: of array that parts the two by {request['lateral_separation_um']:g} µm "
-              "(lateral_separation_um); the mask's array is as long as device.array_length_mm, "
-              f"{summary['device']['array_length_mm']:g} mm, in whole rows",
-              f"pressure drop over that length: {designs[0]['pressure_basis']}; throughput "
-              f"{designs[0]['throughput_uL_per_h']:.3g} µL/h", "", "Best candidate, one thing off:"]
+    lines += [
+        "",
+        *notes,
+        "± uncertainty: half of the 90 % interval; robust: exceeded by nine of ten draws",
+        f"length: of array that parts the two by {request['lateral_separation_um']:g} µm "
+        "(lateral_separation_um); the mask's array is as long as device.array_length_mm, "
+        f"{summary['device']['array_length_mm']:g} mm, in whole rows",
+        f"pressure drop over that length: {designs[0]['pressure_basis']}; throughput "
+        f"{designs[0]['throughput_uL_per_h']:.3g} µL/h",
+        "",
+        "Best candidate, one thing off:",
+    ]
     first = [t for t in summary["tolerances"] if t["design"] == 1]
-    lines += in_columns({
-        "off": [t["parameter"] for t in first], "by": [f"{t['offset']:+.2g}" for t in first],
-        "separation": [f"{t['separation_deg']:.2f}" for t in first],
-        "modes": [f"{t['mode_1']}, {t['mode_2']}" for t in first],
-        "slope [° per unit]": [f"{t['sensitivity_deg_per_unit']:.2f}" for t in first],
-    })  # fmt: skip
+    lines += in_columns(
+        {
+            "off": [t["parameter"] for t in first],
+            "by": [f"{t['offset']:+.2g}" for t in first],
+            "separation": [f"{t['separation_deg']:.2f}" for t in first],
+            "modes": [f"{t['mode_1']}, {t['mode_2']}" for t in first],
+            "slope [° per unit]": [f"{t['sensitivity_deg_per_unit']:.2f}" for t in first],
+        }
+    )
     known = [row for row in summary["importance"] if row["importance"] is not None]
     if known:
-        lines += ["", f"importance ({known[0]['evaluator']}): "
-                  + ", ".join(f"{r['parameter']} {r['importance']:.0%}" for r in known)]
+        lines += [
+            "",
+            f"importance ({known[0]['evaluator']}): "
+            + ", ".join(f"{r['parameter']} {r['importance']:.0%}" for r in known),
+        ]
     if summary["verified_designs"] is None:
         lines += ["", "Add --verify to simulate both cell types in the best designs."]
     else:
@@ -120,64 +150,126 @@ def _verified_lines(summary: Mapping) -> list[str]:
     rows = [r for r in summary["verifications"] if r["population"] == "difference"]
     done = summary["verified_designs"]
     lines = ["Simulated differences (cell 2 − cell 1) in degrees, beside what was predicted:"]
-    lines += in_columns({
-        "round": [str(r["round"]) for r in rows], "role": [r["role"] for r in rows],
-        "P_r": [f"{r['pillar_radius_um']:.2f}" for r in rows],
-        "P_g": [f"{r['gap_um']:.2f}" for r in rows], "N_p": [str(r["periodicity"]) for r in rows],
-        "height": [f"{r['height_um']:g}" for r in rows],
-        "predicted": [f"{r['predicted_low_deg']:.2f} to {r['predicted_high_deg']:.2f}"
-                      for r in rows],
-        "simulated": [optional(r["simulated_deg"], ".2f") for r in rows],
-        "sigma_num": [optional(r["sigma_num_deg"], ".2f") for r in rows],
-        "modes": [r["mode"] for r in rows], "verdict": [r["verdict"] for r in rows],
-    })  # fmt: skip
+    lines += in_columns(
+        {
+            "round": [str(r["round"]) for r in rows],
+            "role": [r["role"] for r in rows],
+            "P_r": [f"{r['pillar_radius_um']:.2f}" for r in rows],
+            "P_g": [f"{r['gap_um']:.2f}" for r in rows],
+            "N_p": [str(r["periodicity"]) for r in rows],
+            "height": [f"{r['height_um']:g}" for r in rows],
+            "predicted": [
+                f"{r['predicted_low_deg']:.2f} to {r['predicted_high_deg']:.2f}" for r in rows
+            ],
+            "simulated": [optional(r["simulated_deg"], ".2f") for r in rows],
+            "sigma_num": [optional(r["sigma_num_deg"], ".2f") for r in rows],
+            "modes": [r["mode"] for r in rows],
+            "verdict": [r["verdict"] for r in rows],
+        }
+    )
     lines += ["", f"{done[0]['stopped']}." if done else "No design was simulated.", ""]
     return lines + [
         f"{d['name']} (rank {d['rank']}): P_r {d['pillar_radius_um']:.2f}, P_g {d['gap_um']:.2f}, "
-        f"N_p {d['periodicity']}: {d['verdict']}" for d in done
-    ]  # fmt: skip
+        f"N_p {d['periodicity']}: {d['verdict']}"
+        for d in done
+    ]
 
 
 def add_design(commands) -> None:
     """The command `design`."""
     parser = add_command(
-        commands, "design", design, "geometries that separate two cell types best",
+        commands,
+        "design",
+        design,
+        "geometries that separate two cell types best",
         "design --set1 1 --set2 5 --r1 7.5 --r2 7.5 --gap-um 14 20 --objective robust",
-    )  # fmt: skip
+    )
     for i in "12":
         cell = parser.add_mutually_exclusive_group(required=True)
-        cell.add_argument(f"--di{i}", type=number, dest=f"deformation_index_{i}", metavar="DI",
-                          help=f"deformation index of cell type {i}, 0 to 1")
-        cell.add_argument(f"--set{i}", dest=f"stiffness_set_{i}", metavar="NAME",
-                          help=f"stiffness set of cell type {i}, instead")
-        parser.add_argument(f"--di{i}-std", type=number, dest=f"deformation_index_std_{i}",
-                            metavar="X", help=f"spread of it among cells of type {i}; default: the "
-                                              "calibration's for a stiffness set, else 0")
+        cell.add_argument(
+            f"--di{i}",
+            type=number,
+            dest=f"deformation_index_{i}",
+            metavar="DI",
+            help=f"deformation index of cell type {i}, 0 to 1",
+        )
+        cell.add_argument(
+            f"--set{i}",
+            dest=f"stiffness_set_{i}",
+            metavar="NAME",
+            help=f"stiffness set of cell type {i}, instead",
+        )
+        parser.add_argument(
+            f"--di{i}-std",
+            type=number,
+            dest=f"deformation_index_std_{i}",
+            metavar="X",
+            help=f"spread of it among cells of type {i}; default: the "
+            "calibration's for a stiffness set, else 0",
+        )
         add_option(parser, DesignRequest, f"radius_{i}_um", f"--r{i}")
     for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", int)):
         low, high = DesignRequest.model_fields[key].default
-        parser.add_argument(option_of(key), type=kind, nargs=2, metavar=("LOW", "HIGH"),
-                            help=f"bounds of the search; default {low:g} {high:g}")
-    for key in ("objective", "sampler", "trials", "startup_trials", "grid_steps", "draws",
-                "candidates", "tolerance_um", "height_tolerance_um", "pillar_aspect_ratio_max",
-                "lateral_separation_um"):
+        parser.add_argument(
+            option_of(key),
+            type=kind,
+            nargs=2,
+            metavar=("LOW", "HIGH"),
+            help=f"bounds of the search; default {low:g} {high:g}",
+        )
+    for key in (
+        "objective",
+        "sampler",
+        "trials",
+        "startup_trials",
+        "grid_steps",
+        "draws",
+        "candidates",
+        "tolerance_um",
+        "height_tolerance_um",
+        "pillar_aspect_ratio_max",
+        "lateral_separation_um",
+    ):
         add_option(parser, DesignRequest, key)
-    parser.add_argument("--pressure-max-kpa", type=number, dest="pressure_max_kPa", metavar="kPa",
-                        help="largest pressure drop over the length which that takes; default: "
-                             "no limit")
-    parser.add_argument("--safety-distance-um", type=number, metavar="µm",
-                        help="a gap must exceed P_r + this; default: the configuration's, or "
-                             f"{Sweep.model_fields['safety_distance_um'].default:g}")
+    parser.add_argument(
+        "--pressure-max-kpa",
+        type=number,
+        dest="pressure_max_kPa",
+        metavar="kPa",
+        help="largest pressure drop over the length which that takes; default: no limit",
+    )
+    parser.add_argument(
+        "--safety-distance-um",
+        type=number,
+        metavar="µm",
+        help="a gap must exceed P_r + this; default: the configuration's, or "
+        f"{Sweep.model_fields['safety_distance_um'].default:g}",
+    )
     parser.add_argument("--seed", type=seed, default=1, metavar="N", help="default %(default)s")
-    parser.add_argument("--results", type=Path, metavar="DIR",
-                        help="folder with the outcomes, calibration, surrogate (and flows) of a "
-                             "campaign; default: the campaign that comes with the package")
-    parser.add_argument("--verify", action="store_true",
-                        help="simulate both cell types in the best designs (minutes)")
-    parser.add_argument("--output", type=Path, metavar="DIR",
-                        help="write tables, the candidates' files (mask, data) and a report "
-                             "there, and with --verify those of the simulated designs; default "
-                             "with --verify: design-NAME")
-    parser.add_argument("--request-name", default="request", metavar="NAME",
-                        help="name of files; default %(default)s")
+    parser.add_argument(
+        "--results",
+        type=Path,
+        metavar="DIR",
+        help="folder with the outcomes, calibration, surrogate (and flows) of a "
+        "campaign; default: the campaign that comes with the package",
+    )
+    parser.add_argument(
+        "--verify",
+        action="store_true",
+        help="simulate both cell types in the best designs (minutes)",
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write tables, the candidates' files (mask, data) and a report "
+        "there, and with --verify those of the simulated designs; default "
+        "with --verify: design-NAME",
+    )
+    parser.add_argument(
+        "--request-name",
+        default="request",
+        metavar="NAME",
+        help="name of files; default %(default)s",
+    )
     add_config(parser)

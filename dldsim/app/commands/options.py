@@ -12,9 +12,7 @@ from dldsim.config.explain import check_value
 from dldsim.config.sections import Geometry, Section
 from dldsim.errors import DldsimError
 
-UNITS = {
-    "_um": "µm", "_mm_s": "mm/s", "_mPa_s": "mPa·s", "_nN_s_per_m": "nN·s/m", "_pg": "pg",
-}  # fmt: skip
+UNITS = {"_um": "µm", "_mm_s": "mm/s", "_mPa_s": "mPa·s", "_nN_s_per_m": "nN·s/m", "_pg": "pg"}
 """Unit suffixes of option names."""
 
 
@@ -30,12 +28,17 @@ def add_command(
 ) -> argparse.ArgumentParser:
     """The parser of a command that ``function`` carries out."""
     parser = commands.add_parser(
-        name, help=purpose, description=f"{purpose.capitalize()}.",
+        name,
+        help=purpose,
+        description=f"{purpose.capitalize()}.",
         epilog=f"example: python -m dldsim {example}",
     )
     parser.set_defaults(command=function, name=name)
-    parser.add_argument("--json", action="store_true",
-                        help="print the summary as one JSON object; keys are column names")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the summary as one JSON object; keys are column names",
+    )
     return parser
 
 
@@ -50,20 +53,26 @@ def add_geometry(parser: argparse.ArgumentParser) -> None:
 
 
 def add_config(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, metavar="FILE",
-                        help="configuration that the options go over; default: ./config.yaml if "
-                             "present, else the defaults above")
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration that the options go over; default: ./config.yaml if "
+        "present, else the defaults above",
+    )
 
 
-def add_fields(parser: argparse.ArgumentParser, title: str, model: type[Section],
-                without: Iterable[str] = ()) -> None:
+def add_fields(
+    parser: argparse.ArgumentParser, title: str, model: type[Section], without: Iterable[str] = ()
+) -> None:
     group = parser.add_argument_group(title)
     for key in [key for key in model.model_fields if key not in without]:
         add_option(group, model, key, "--cell-shape" if key == "shape" else None)
 
 
-def add_option(parser, model: type[Section], key: str, option: str | None = None,
-                required: bool = False) -> None:
+def add_option(
+    parser, model: type[Section], key: str, option: str | None = None, required: bool = False
+) -> None:
     """An option for one field of a section, with its unit, choices, meaning, range and default."""
     field = model.model_fields[key]
     kind, choices, unit = field.annotation, None, None
@@ -73,17 +82,29 @@ def add_option(parser, model: type[Section], key: str, option: str | None = None
         choices = typing.get_args(kind)
         kind = type(choices[0])
     else:
-        unit = next((text for end, text in UNITS.items() if key.endswith(end)),
-                    "N" if kind is int else "X")
+        unit = next(
+            (text for end, text in UNITS.items() if key.endswith(end)), "N" if kind is int else "X"
+        )
     signs = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
-    limits = [f"{sign}{getattr(m, name):g}" for m in field.metadata
-              for name, sign in signs.items() if getattr(m, name, None) is not None]
+    limits = [
+        f"{sign}{getattr(m, name):g}"
+        for m in field.metadata
+        for name, sign in signs.items()
+        if getattr(m, name, None) is not None
+    ]
     about = f"{field.description} ({', '.join(limits)})" if limits else field.description
     if not required:
         about += f"; default {'none' if field.default is None else field.default}"
     kind = number if kind is float else kind
-    parser.add_argument(option or option_of(key), dest=key, type=kind, choices=choices,
-                        required=required, metavar=unit, help=about.replace("%", "%%"))
+    parser.add_argument(
+        option or option_of(key),
+        dest=key,
+        type=kind,
+        choices=choices,
+        required=required,
+        metavar=unit,
+        help=about.replace("%", "%%"),
+    )
 
 
 def number(text: str) -> float:

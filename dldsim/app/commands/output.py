@@ -38,12 +38,42 @@ def check_writable(path: Path, option: str) -> None:
 
 
 SPELLED = {
-    "µ": "u", "μ": "u", "°": " deg", "±": "+/-", "≥": ">=", "≤": "<=", "≠": "!=", "−": "-",
-    "–": "-", "·": "*", "×": "x", "√": "sqrt", "∞": "inf", "²": "^2", "³": "^3", "₁": "1", "₂": "2",
-    "→": "->", "…": "...", "’": "'", "“": '"', "”": '"', "Δ": "Delta", "α": "alpha",
-    "γ": "gamma", "ε": "epsilon", "η": "eta", "θ": "theta", "κ": "kappa", "λ": "lambda",
-    "ν": "nu", "π": "pi", "σ": "sigma", "τ": "tau", "ω": "omega",
-}  # fmt: skip
+    "µ": "u",
+    "μ": "u",
+    "°": " deg",
+    "±": "+/-",
+    "≥": ">=",
+    "≤": "<=",
+    "≠": "!=",
+    "−": "-",
+    "–": "-",
+    "·": "*",
+    "×": "x",
+    "√": "sqrt",
+    "∞": "inf",
+    "²": "^2",
+    "³": "^3",
+    "₁": "1",
+    "₂": "2",
+    "→": "->",
+    "…": "...",
+    "’": "'",
+    "“": '"',
+    "”": '"',
+    "Δ": "Delta",
+    "α": "alpha",
+    "γ": "gamma",
+    "ε": "epsilon",
+    "η": "eta",
+    "θ": "theta",
+    "κ": "kappa",
+    "λ": "lambda",
+    "ν": "nu",
+    "π": "pi",
+    "σ": "sigma",
+    "τ": "tau",
+    "ω": "omega",
+}
 """What stands for characters that a terminal does not have."""
 
 
@@ -123,5 +153,6 @@ def frame_lines(frame) -> list[str]:
             notes.setdefault(row["note"], []).append(row["term"])
     numbers = frame.drop(columns="note", errors="ignore")
     lines = numbers.to_string(index=False, na_rep="", float_format="{:.4g}".format).splitlines()
-    return lines + [f"note on {', '.join(dict.fromkeys(terms))}: {note}"
-                    for note, terms in notes.items()]
+    return lines + [
+        f"note on {', '.join(dict.fromkeys(terms))}: {note}" for note, terms in notes.items()
+    ]

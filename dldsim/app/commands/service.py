@@ -27,27 +27,43 @@ def serve(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
 def add_serve(commands) -> None:
     """The command `serve`."""
     parser = add_command(
-        commands, "serve", serve, "the design service: API, page, or both",
+        commands,
+        "serve",
+        serve,
+        "the design service: API, page, or both",
         "serve both --results results",
-    )  # fmt: skip
+    )
     parser.add_argument("part", choices=["api", "ui", "both"])
-    parser.add_argument("--results", type=Path, metavar="DIR",
-                        help="campaign that answers come from; default: the one that comes with "
-                             "the package")
-    parser.add_argument("--config", type=Path, metavar="FILE",
-                        help="configuration for device, safety distance and verification; "
-                             "default: ./config.yaml if present, else defaults")
-    parser.add_argument("--state", type=Path, metavar="DIR",
-                        help="folder of queue and results; default: dldsim-web in "
-                             "~/.local/state")
+    parser.add_argument(
+        "--results",
+        type=Path,
+        metavar="DIR",
+        help="campaign that answers come from; default: the one that comes with the package",
+    )
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="configuration for device, safety distance and verification; "
+        "default: ./config.yaml if present, else defaults",
+    )
+    parser.add_argument(
+        "--state",
+        type=Path,
+        metavar="DIR",
+        help="folder of queue and results; default: dldsim-web in ~/.local/state",
+    )
     parser.add_argument("--host", metavar="ADDRESS", help="default 127.0.0.1")
     parser.add_argument("--port", type=int, metavar="N", help="of the API; default 8000")
-    parser.add_argument("--page-port", type=int, default=8501, metavar="N",
-                        help="default %(default)s")
-    parser.add_argument("--api", metavar="URL",
-                        help="API that a page alone asks; default DLDSIM_WEB_API, or "
-                              "http://127.0.0.1:8000")
-    parser.add_argument("--workers", type=int, metavar="N",
-                        help="processes that search; default 1")
-    parser.add_argument("--verify-workers", type=int, metavar="N",
-                        help="processes that simulate; default 1")
+    parser.add_argument(
+        "--page-port", type=int, default=8501, metavar="N", help="default %(default)s"
+    )
+    parser.add_argument(
+        "--api",
+        metavar="URL",
+        help="API that a page alone asks; default DLDSIM_WEB_API, or http://127.0.0.1:8000",
+    )
+    parser.add_argument("--workers", type=int, metavar="N", help="processes that search; default 1")
+    parser.add_argument(
+        "--verify-workers", type=int, metavar="N", help="processes that simulate; default 1"
+    )

@@ -58,13 +58,13 @@ def entry_of(config: Partial | None, section: str, name: str, option: str) -> An
     entries = getattr(config, section)
     if not entries:
         raise DldsimError(
-            f"{option} {name}: the configuration has no {section}.", key=section,
-            allowed="entries by name", remedy="Add them, or name another file with --config FILE.",
-        )  # fmt: skip
+            f"{option} {name}: the configuration has no {section}.",
+            key=section,
+            allowed="entries by name",
+            remedy="Add them, or name another file with --config FILE.",
+        )
     if name not in entries:
         close = difflib.get_close_matches(name, entries, n=1)
         hint = f" Did you mean {close[0]}?" if close else ""
-        raise DldsimError(
-            f"{option} {name}: unknown, {section} has {', '.join(entries)}.{hint}"
-        )
+        raise DldsimError(f"{option} {name}: unknown, {section} has {', '.join(entries)}.{hint}")
     return entries[name]

@@ -51,8 +51,10 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     outcome = identifiers.outcome_id(identifiers.Pair(geometry, args.set))
     shown = [f"--{name}" for name in ("movie", "vtk") if getattr(args, name)]
     if shown and (args.out is None or args.releases is not None):
-        raise DldsimError(f"{shown[0]} is of one release and is written to --out: give --out DIR, "
-                          "and no --releases.")
+        raise DldsimError(
+            f"{shown[0]} is of one release and is written to --out: give --out DIR, "
+            "and no --releases."
+        )
     if args.out:
         check_writable(args.out / f"{outcome}_y0.000.trajectory.parquet", "--out")
     from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
@@ -66,13 +68,19 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     with Display() as progress:
         if args.releases is None:
             name = identifiers.run_id(outcome, cell.release_gap_fraction)
-            result = simulate_run(*sections, run_id=name, outcome_id=outcome,
-                                  stiffness_set=args.set, observe=recorder,
-                                  progress=progress)
+            result = simulate_run(
+                *sections,
+                run_id=name,
+                outcome_id=outcome,
+                stiffness_set=args.set,
+                observe=recorder,
+                progress=progress,
+            )
         else:
             name = outcome
-            result = simulate_outcome(*sections, outcome_id=outcome, stiffness_set=args.set,
-                                      progress=progress)
+            result = simulate_outcome(
+                *sections, outcome_id=outcome, stiffness_set=args.set, progress=progress
+            )
     sigma, basis = numerical_uncertainty(result.row, read_model())
     summary = {**result.row, "sigma_num_deg": sigma, "sigma_num_basis": basis}
     if args.out:
@@ -83,8 +91,9 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             if shown:
                 files += _show(args, recorder.shapes(geometry, result), result.row, settings)
         else:
-            files = outcome_files.OutcomeFiles(args.out / f"{name}.outcome.parquet",
-                                      args.out / f"{name}.runs.parquet", trajectory)
+            files = outcome_files.OutcomeFiles(
+                args.out / f"{name}.outcome.parquet", args.out / f"{name}.runs.parquet", trajectory
+            )
             result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
             outcome_files.write_outcome(result, files, settings)
         summary["files"] = [str(path) for path in files]
@@ -101,8 +110,9 @@ def _show(args: argparse.Namespace, shapes, row: Mapping, settings: Mapping) -> 
         angle = row["migration_angle_deg"]
         result = row["status"] if angle is None else f"{angle:.2f}°, {row['mode']}"
         files.append(args.out / f"{name}.passage.gif")
-        write_animation({f"set {args.set}, R {row['cell_radius_um']:g} µm: {result}": shapes},
-                        files[-1])
+        write_animation(
+            {f"set {args.set}, R {row['cell_radius_um']:g} µm: {result}": shapes}, files[-1]
+        )
     if args.vtk:
         files += [args.out / f"{name}.vtkhdf", args.out / f"{name}.pillars.vtkhdf"]
         write_vtkhdf(shapes, files[-2], settings)
@@ -155,8 +165,11 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         release = channel.release_positions_um[0]
     given = {k: v for k, v in given_by(CellShape, args).items() if k != "axis"}  # the channel's
     cell = validate(CellShape, config.cell.model_dump() | given)
-    flow = validate(Flow, config.flow.model_dump() | {
-        k: v for k, v in given_by(Flow, args).items() if k == "viscosity_mPa_s"})
+    flow = validate(
+        Flow,
+        config.flow.model_dump()
+        | {k: v for k, v in given_by(Flow, args).items() if k == "viscosity_mPa_s"},
+    )
     sections = [cell, flow, _channel_numerics(config, args)]
     if args.out:
         check_writable(args.out / f"{name}_at-{release:g}.trajectory.parquet", "--out")
@@ -165,9 +178,14 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
     with Display() as progress:
         result = simulate_constriction(
-            name, group, channel, *sections, release_position_um=release,
-            run_id=f"{name}_at-{release:g}", progress=progress,
-        )  # fmt: skip
+            name,
+            group,
+            channel,
+            *sections,
+            release_position_um=release,
+            run_id=f"{name}_at-{release:g}",
+            progress=progress,
+        )
     summary = dict(result.row)
     if args.out:
         settings = {
@@ -190,8 +208,9 @@ def _channel_numerics(config: Partial, args: argparse.Namespace) -> Numerics:
     return validate(Numerics, config.numerics.model_dump() | given)
 
 
-def _constriction_group(config: Partial | None, args: argparse.Namespace
-                        ) -> tuple[str, ConstrictionGroup]:
+def _constriction_group(
+    config: Partial | None, args: argparse.Namespace
+) -> tuple[str, ConstrictionGroup]:
     if args.group is not None:
         name = args.group
         group = entry_of(config, "constriction_groups", name, "--group")
@@ -211,37 +230,57 @@ def _constriction_group(config: Partial | None, args: argparse.Namespace
 def add_run(commands) -> None:
     """The command `run`."""
     parser = add_command(
-        commands, "run", run, "one cell through one array",
+        commands,
+        "run",
+        run,
+        "one cell through one array",
         "run --pillar-radius-um 10 --gap-um 20 --periodicity 6 --set 1 --out single",
-    )  # fmt: skip
+    )
     add_geometry(parser)
-    parser.add_argument("--set", required=True, metavar="NAME",
-                        help="stiffness set, a name from stiffness_sets in the configuration")
+    parser.add_argument(
+        "--set",
+        required=True,
+        metavar="NAME",
+        help="stiffness set, a name from stiffness_sets in the configuration",
+    )
     add_fields(parser, "channel and flow", Flow)
     add_fields(parser, "cell", Cell)
     add_fields(parser, "numerics", Numerics)
     add_fields(parser, "when to stop", RunControl, without={"release_gap_fractions"})
-    parser.add_argument("--releases", type=number, nargs="*", metavar="X",
-                        help="simulate a whole outcome: release at these places in the gap, in "
-                             "this order, as many as it takes; none named: the configuration's")
+    parser.add_argument(
+        "--releases",
+        type=number,
+        nargs="*",
+        metavar="X",
+        help="simulate a whole outcome: release at these places in the gap, in "
+        "this order, as many as it takes; none named: the configuration's",
+    )
     add_config(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR",
-                        help="write the run, or the outcome with its runs, and the trajectory "
-                             "there, as Parquet")
-    parser.add_argument("--movie", action="store_true",
-                        help="write an animation of the passage (GIF) there, too")
-    parser.add_argument("--vtk", action="store_true",
-                        help="write membrane over time and pillars for ParaView (VTKHDF) there, "
-                             "too")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="write the run, or the outcome with its runs, and the trajectory there, as Parquet",
+    )
+    parser.add_argument(
+        "--movie", action="store_true", help="write an animation of the passage (GIF) there, too"
+    )
+    parser.add_argument(
+        "--vtk",
+        action="store_true",
+        help="write membrane over time and pillars for ParaView (VTKHDF) there, too",
+    )
 
 
 def add_flow(commands) -> None:
     """The command `flow`."""
     parser = add_command(
-        commands, "flow", flow, "flow through an array without a cell",
-        "flow --pillar-radius-um 10 --gap-um 20 --periodicity 6 --drive axial --height-um "
-        "0 --json",
-    )  # fmt: skip
+        commands,
+        "flow",
+        flow,
+        "flow through an array without a cell",
+        "flow --pillar-radius-um 10 --gap-um 20 --periodicity 6 --drive axial --height-um 0 --json",
+    )
     add_geometry(parser)
     add_fields(parser, "channel and flow", Flow)
     add_fields(parser, "numerics", Numerics)
@@ -252,22 +291,35 @@ def add_flow(commands) -> None:
 def add_constrict(commands) -> None:
     """The command `constrict`."""
     parser = add_command(
-        commands, "constrict", constrict, "one cell through the constriction",
+        commands,
+        "constrict",
+        constrict,
+        "one cell through the constriction",
         "constrict --set 1 --json",
-    )  # fmt: skip
+    )
     which = parser.add_mutually_exclusive_group(required=True)
     which.add_argument("--set", metavar="NAME", help="the group that calibrates this stiffness set")
     which.add_argument("--group", metavar="NAME", help="a name from constriction_groups")
-    parser.add_argument("--velocity-mm-s", type=number, metavar="mm/s",
-                        help="mean velocity in the wide channel; default: the group's")
-    parser.add_argument("--release-position-um", type=number, metavar="µm",
-                        help="release along the flow, from the first possible position; "
-                             "default: the first of constriction.release_positions_um")
-    add_fields(parser, "channel", Constriction,
-                without={"release_positions_um", "fixed_velocity_mm_s"})
+    parser.add_argument(
+        "--velocity-mm-s",
+        type=number,
+        metavar="mm/s",
+        help="mean velocity in the wide channel; default: the group's",
+    )
+    parser.add_argument(
+        "--release-position-um",
+        type=number,
+        metavar="µm",
+        help="release along the flow, from the first possible position; "
+        "default: the first of constriction.release_positions_um",
+    )
+    add_fields(
+        parser, "channel", Constriction, without={"release_positions_um", "fixed_velocity_mm_s"}
+    )
     add_fields(parser, "cell", CellShape, without={"axis"})
     add_option(parser, Flow, "viscosity_mPa_s")
     add_fields(parser, "numerics", Numerics, without={*NOT_IN_CHANNEL})
     add_config(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR",
-                        help="write its row and its trajectory there, as Parquet")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="write its row and its trajectory there, as Parquet"
+    )

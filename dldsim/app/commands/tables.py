@@ -18,12 +18,24 @@ def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
     frame, found, _ = read_user_table(args.table)
     result, residuals = analyse(frame, derive_seed(args.seed, "anova"))
-    summary = {"table": str(args.table), "found": found, "rows": records(result),
-               "diagnostics": records(residuals), "sobol": [], "sobol_notes": []}
-    lines = [*(f"{args.table}: {note}" for note in found),
-             "Type II analysis of variance of migration_angle_deg", *frame_lines(result), "",
-             "Residuals of the models", *frame_lines(residuals), "",
-             "Sobol indices of a surrogate fitted to the table"]
+    summary = {
+        "table": str(args.table),
+        "found": found,
+        "rows": records(result),
+        "diagnostics": records(residuals),
+        "sobol": [],
+        "sobol_notes": [],
+    }
+    lines = [
+        *(f"{args.table}: {note}" for note in found),
+        "Type II analysis of variance of migration_angle_deg",
+        *frame_lines(result),
+        "",
+        "Residuals of the models",
+        *frame_lines(residuals),
+        "",
+        "Sobol indices of a surrogate fitted to the table",
+    ]
     try:
         indices, notes = sobol_of_table(frame, derive_seed(args.seed, "sensitivity"))
     except DldsimError as error:
@@ -69,44 +81,82 @@ def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 def add_anova(commands) -> None:
     """The command `anova`."""
     parser = add_command(
-        commands, "anova", anova, "analysis of variance of the migration angle",
+        commands,
+        "anova",
+        anova,
+        "analysis of variance of the migration angle",
         "anova results/outcomes.parquet",
-    )  # fmt: skip
-    parser.add_argument("table", type=Path, metavar="TABLE",
-                        help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
-                             "periodicity, deformation_index and migration_angle_deg, and "
-                             "stiffness_set if there are sets")
+    )
+    parser.add_argument(
+        "table",
+        type=Path,
+        metavar="TABLE",
+        help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
+        "periodicity, deformation_index and migration_angle_deg, and "
+        "stiffness_set if there are sets",
+    )
 
-    parser.add_argument("--seed", type=seed, default=1, metavar="N",
-                        help="of permutations and surrogate; default %(default)s")
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        default=1,
+        metavar="N",
+        help="of permutations and surrogate; default %(default)s",
+    )
 
 
 def add_stiffness(commands) -> None:
     """The command `stiffness`."""
     parser = add_command(
-        commands, "stiffness", stiffness, "moduli for a measured deformation index",
+        commands,
+        "stiffness",
+        stiffness,
+        "moduli for a measured deformation index",
         "stiffness --di 0.7 --error 0.01",
-    )  # fmt: skip
-    parser.add_argument("--di", type=number, required=True, metavar="DI",
-                        help="deformation index, inside the calibrated range")
-    parser.add_argument("--error", type=number, default=0.0, metavar="±DI",
-                        help="standard error of it; default %(default)s")
-    parser.add_argument("--design", default="group-velocity",
-                        choices=["group-velocity", "fixed-velocity"],
-                        help="calibration at the groups' own velocities (that of the campaign's "
-                             "deformation indices), or at one velocity; default %(default)s")
-    parser.add_argument("--results", type=Path, metavar="DIR",
-                        help="campaign whose calibration is taken; default: the campaign that "
-                             "comes with the package")
-    parser.add_argument("--calibration", type=Path, metavar="FILE",
-                        help="calibration, CSV or Parquet, instead of the one in the results "
-                             "folder")
+    )
+    parser.add_argument(
+        "--di",
+        type=number,
+        required=True,
+        metavar="DI",
+        help="deformation index, inside the calibrated range",
+    )
+    parser.add_argument(
+        "--error",
+        type=number,
+        default=0.0,
+        metavar="±DI",
+        help="standard error of it; default %(default)s",
+    )
+    parser.add_argument(
+        "--design",
+        default="group-velocity",
+        choices=["group-velocity", "fixed-velocity"],
+        help="calibration at the groups' own velocities (that of the campaign's "
+        "deformation indices), or at one velocity; default %(default)s",
+    )
+    parser.add_argument(
+        "--results",
+        type=Path,
+        metavar="DIR",
+        help="campaign whose calibration is taken; default: the campaign that "
+        "comes with the package",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="calibration, CSV or Parquet, instead of the one in the results folder",
+    )
 
 
 def add_info(commands) -> None:
     """The command `info`."""
     parser = add_command(
-        commands, "info", info, "columns, units and provenance of a table",
+        commands,
+        "info",
+        info,
+        "columns, units and provenance of a table",
         "info results/outcomes.parquet",
-    )  # fmt: skip
+    )
     parser.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")

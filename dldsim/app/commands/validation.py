@@ -54,39 +54,61 @@ def _comparison_lines(rows: Sequence[Mapping]) -> list[str]:
             return meanings.pop() if len(meanings) == 1 else key
 
         lines += [f"{name} (reference: {of_case[0]['source']})"]
-        lines += in_columns({
-            "quantity": cells("quantity", ""), "variant": cells("variant", ""),
-            heading("parameter"): cells("parameter", "g"),
-            heading("resolution"): cells("resolution", "g"),
-            "reference": cells("reference", ".6g"), "value": cells("value", ".6g"),
-            "unit": cells("unit", ""), "error": cells("relative_error", "+.2e"),
-            "allowed": cells("mark", ".1e"), "order": cells("observed_order", ".1f"),
-            "result": [{True: "passes", False: "FAILS", None: "shown"}[row["passed"]]
-                       for row in of_case],
-        }) + [""]  # fmt: skip
+        lines += in_columns(
+            {
+                "quantity": cells("quantity", ""),
+                "variant": cells("variant", ""),
+                heading("parameter"): cells("parameter", "g"),
+                heading("resolution"): cells("resolution", "g"),
+                "reference": cells("reference", ".6g"),
+                "value": cells("value", ".6g"),
+                "unit": cells("unit", ""),
+                "error": cells("relative_error", "+.2e"),
+                "allowed": cells("mark", ".1e"),
+                "order": cells("observed_order", ".1f"),
+                "result": [
+                    {True: "passes", False: "FAILS", None: "shown"}[row["passed"]]
+                    for row in of_case
+                ],
+            }
+        ) + [""]
     return lines
 
 
 def _verdict_lines(cases: Sequence[Mapping]) -> list[str]:
-    return [*in_columns({
-        "case": [case["case"] for case in cases],
-        "result": ["passes" if case["failed"] == 0 else "FAILS" for case in cases],
-        "within marks": [f"{case['marked'] - case['failed']} of {case['marked']}"
-                         for case in cases],
-        "largest error / allowed": [
-            "" if case["error_over_mark"] is None else f"{case['error_over_mark']:.2g}"
-            for case in cases],
-        "time [s]": [f"{case['wall_time_s']:.1f}" for case in cases],
-    }), ""]  # fmt: skip
+    return [
+        *in_columns(
+            {
+                "case": [case["case"] for case in cases],
+                "result": ["passes" if case["failed"] == 0 else "FAILS" for case in cases],
+                "within marks": [
+                    f"{case['marked'] - case['failed']} of {case['marked']}" for case in cases
+                ],
+                "largest error / allowed": [
+                    "" if case["error_over_mark"] is None else f"{case['error_over_mark']:.2g}"
+                    for case in cases
+                ],
+                "time [s]": [f"{case['wall_time_s']:.1f}" for case in cases],
+            }
+        ),
+        "",
+    ]
 
 
 def add_validate(commands) -> None:
     """The command `validate`."""
     parser = add_command(
-        commands, "validate", run_validation, "cases beside reference values",
+        commands,
+        "validate",
+        run_validation,
+        "cases beside reference values",
         "validate square-arrays membrane-forces --out validation.parquet",
-    )  # fmt: skip
+    )
     parser.add_argument("cases", nargs="*", metavar="CASE", help="names of cases; default: all")
     parser.add_argument("--list", action="store_true", help="list the cases and run none")
-    parser.add_argument("--out", type=Path, metavar="FILE.parquet",
-                        help="write the comparisons there, with a CSV twin")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE.parquet",
+        help="write the comparisons there, with a CSV twin",
+    )

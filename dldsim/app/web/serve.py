@@ -23,8 +23,10 @@ STOP_S = 10
 def _need(*modules: str) -> None:
     missing = [name for name in modules if importlib.util.find_spec(name) is None]
     if missing:
-        raise DldsimError(f"serve needs {', '.join(missing)}, which are not installed. Install "
-                          "them with: pip install -r requirements-web.txt")
+        raise DldsimError(
+            f"serve needs {', '.join(missing)}, which are not installed. Install "
+            "them with: pip install -r requirements-web.txt"
+        )
 
 
 def address(host: str, port: int) -> str:
@@ -43,17 +45,25 @@ def check_free(host: str, port: int, port_setting: str) -> None:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(place)
     except socket.gaierror as error:
-        raise DldsimError(f"{where}: no address of this name is known ({error.strerror}). Name an "
-                          "address of this machine, such as 127.0.0.1 or ::1.") from error
+        raise DldsimError(
+            f"{where}: no address of this name is known ({error.strerror}). Name an "
+            "address of this machine, such as 127.0.0.1 or ::1."
+        ) from error
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            raise DldsimError(f"port = {port} ({port_setting}): another program listens there "
-                              "already. Stop it, or name another port.") from error
+            raise DldsimError(
+                f"port = {port} ({port_setting}): another program listens there "
+                "already. Stop it, or name another port."
+            ) from error
         if error.errno == errno.EACCES:
-            raise DldsimError(f"port = {port} ({port_setting}): not permitted to this user. Name "
-                              "a port from 1024 to 65535.") from error
-        raise DldsimError(f"{where}: nothing can listen there ({error.strerror}). Name an address "
-                          "of this machine, such as 127.0.0.1 or ::1.") from error
+            raise DldsimError(
+                f"port = {port} ({port_setting}): not permitted to this user. Name "
+                "a port from 1024 to 65535."
+            ) from error
+        raise DldsimError(
+            f"{where}: nothing can listen there ({error.strerror}). Name an address "
+            "of this machine, such as 127.0.0.1 or ::1."
+        ) from error
 
 
 API_PORT = "--port, DLDSIM_WEB_PORT"
@@ -70,16 +80,35 @@ def serve_api(settings) -> None:
     check_free(settings.host, settings.port, API_PORT)
     app = make_app(settings)
     app.state.service.pool.lock()
-    uvicorn.run(app, host=settings.host, port=settings.port, log_level="info",
-                timeout_keep_alive=15, timeout_graceful_shutdown=STOP_S, server_header=False)
+    uvicorn.run(
+        app,
+        host=settings.host,
+        port=settings.port,
+        log_level="info",
+        timeout_keep_alive=15,
+        timeout_graceful_shutdown=STOP_S,
+        server_header=False,
+    )
 
 
 def page_command(host: str, port: int) -> list[str]:
     """Command line that serves the page."""
     _need("streamlit")
-    return [sys.executable, "-m", "streamlit", "run", str(SCRIPT), "--server.address", host,
-            "--server.port", str(port), "--server.headless", "true",
-            "--browser.gatherUsageStats", "false"]  # fmt: skip
+    return [
+        sys.executable,
+        "-m",
+        "streamlit",
+        "run",
+        str(SCRIPT),
+        "--server.address",
+        host,
+        "--server.port",
+        str(port),
+        "--server.headless",
+        "true",
+        "--browser.gatherUsageStats",
+        "false",
+    ]
 
 
 def serve_page(host: str, port: int, api: str | None) -> int:
@@ -107,13 +136,18 @@ def serve_both(settings, page_port: int, say: Callable[[str], None]) -> int:
     check_free(settings.host, settings.port, API_PORT)
     check_free(settings.host, page_port, PAGE_PORT)
     if not settings.port:
-        raise DldsimError(f"port = 0 ({API_PORT}): the page must know where the API is. Name a "
-                          "port from 1 to 65535.")
+        raise DldsimError(
+            f"port = 0 ({API_PORT}): the page must know where the API is. Name a "
+            "port from 1 to 65535."
+        )
     api = address(settings.host, settings.port)
-    options = [x for key, value in settings.model_dump(mode="json").items()
-               if key in ("results", "config", "state", "host", "port", "workers",
-                          "verify_workers") and value is not None
-               for x in ("--" + key.replace("_", "-"), str(value))]  # fmt: skip
+    options = [
+        x
+        for key, value in settings.model_dump(mode="json").items()
+        if key in ("results", "config", "state", "host", "port", "workers", "verify_workers")
+        and value is not None
+        for x in ("--" + key.replace("_", "-"), str(value))
+    ]
     parts = [subprocess.Popen([sys.executable, "-m", "dldsim", "serve", "api", *options])]
     # a service that is told to stop ends its parts, too
     previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))

@@ -25,22 +25,29 @@ def contents(page: Page) -> dict:
         "limits": _convergence(page) if page.some("convergence") else None,
         "learning": _learning_curve(page) if page.some("learning_curve") else None,
         "regret": page.figure(
-            "search_regret", accuracy_figures.draw_regret(page["search_regret"]),
-            ["search_regret"]) if page.some("search_regret") else None,
-    }  # fmt: skip
+            "search_regret", accuracy_figures.draw_regret(page["search_regret"]), ["search_regret"]
+        )
+        if page.some("search_regret")
+        else None,
+    }
 
 
 def _learning_curve(page: Page):
     sigma = page["outcomes"]["sigma_num_deg"].dropna()
     floor = float(np.sqrt(np.mean(sigma**2))) if len(sigma) else None
-    return page.figure("learning_curve", accuracy_figures.draw_learning_curve(
-        page["learning_curve"], floor), ["learning_curve"])
+    return page.figure(
+        "learning_curve",
+        accuracy_figures.draw_learning_curve(page["learning_curve"], floor),
+        ["learning_curve"],
+    )
 
 
 def _changed(table: pd.DataFrame, other: str, word: str) -> list[str]:
     """The mode, and that of the check where it is another."""
-    return [text(mode if mode == check else f"{mode}, {word} {check}")
-            for mode, check in zip(table["mode"], table[other], strict=True)]
+    return [
+        text(mode if mode == check else f"{mode}, {word} {check}")
+        for mode, check in zip(table["mode"], table[other], strict=True)
+    ]
 
 
 def _reference_check(page: Page) -> dict:
@@ -48,49 +55,73 @@ def _reference_check(page: Page) -> dict:
     return {
         "sentence": uncertainty.closing_sentence(records(check)),
         "figure": page.figure("sigma_num", accuracy_figures.draw_sigma(check), ["reference_check"])
-        if check["error_over_sigma"].notna().any() else None,
-        "grid": page.table({
-            "pair": texts(check["outcome_id"]),
-            "mode": _changed(check, "reference_mode", "reference"),
-            ANGLE_HEADING: decimals(check["migration_angle_deg"]),
-            "reference [°]": decimals(check["reference_angle_deg"]),
-            "difference [°]": decimals(check["error_deg"]),
-            SIGMA_HEADING: decimals(check["sigma_num_deg"]),
-            "distance, reference": [f"{fixed(a)}, {fixed(b)}" for a, b in zip(
-                check["transition_distance"], check["reference_distance"], strict=True)],
-            "spacings [µm]": [f"{number(a)}, {number(b)}" for a, b in zip(
-                check["spacing_um"], check["reference_spacing_um"], strict=True)],
-        }, ["reference_check"], ~(check["error_over_sigma"] <= uncertainty.BEYOND),
-            texts(check["verdict"])),
-    }  # fmt: skip
+        if check["error_over_sigma"].notna().any()
+        else None,
+        "grid": page.table(
+            {
+                "pair": texts(check["outcome_id"]),
+                "mode": _changed(check, "reference_mode", "reference"),
+                ANGLE_HEADING: decimals(check["migration_angle_deg"]),
+                "reference [°]": decimals(check["reference_angle_deg"]),
+                "difference [°]": decimals(check["error_deg"]),
+                SIGMA_HEADING: decimals(check["sigma_num_deg"]),
+                "distance, reference": [
+                    f"{fixed(a)}, {fixed(b)}"
+                    for a, b in zip(
+                        check["transition_distance"], check["reference_distance"], strict=True
+                    )
+                ],
+                "spacings [µm]": [
+                    f"{number(a)}, {number(b)}"
+                    for a, b in zip(check["spacing_um"], check["reference_spacing_um"], strict=True)
+                ],
+            },
+            ["reference_check"],
+            ~(check["error_over_sigma"] <= uncertainty.BEYOND),
+            texts(check["verdict"]),
+        ),
+    }
 
 
 def _spot_check(page: Page) -> dict:
     check = page["spot_check"]
     return {
-        "sentence": spot_check.closing_sentence(records(check)), "rows": spot_check.ROWS,
-        "grid": page.table({
-            "outcome": texts(check["outcome_id"]), "mode": _changed(check, "check_mode", "check"),
-            ANGLE_HEADING: decimals(check["migration_angle_deg"]),
-            "check [°]": decimals(check["check_angle_deg"]),
-            SIGMA_HEADING: decimals(check["sigma_num_deg"]), "verdict": texts(check["verdict"]),
-        }, ["spot_check"], ~(check["change_over_sigma"] <= uncertainty.BEYOND)),
-    }  # fmt: skip
+        "sentence": spot_check.closing_sentence(records(check)),
+        "rows": spot_check.ROWS,
+        "grid": page.table(
+            {
+                "outcome": texts(check["outcome_id"]),
+                "mode": _changed(check, "check_mode", "check"),
+                ANGLE_HEADING: decimals(check["migration_angle_deg"]),
+                "check [°]": decimals(check["check_angle_deg"]),
+                SIGMA_HEADING: decimals(check["sigma_num_deg"]),
+                "verdict": texts(check["verdict"]),
+            },
+            ["spot_check"],
+            ~(check["change_over_sigma"] <= uncertainty.BEYOND),
+        ),
+    }
 
 
 def _convergence(page: Page) -> Grid:
     found = page["convergence"]
-    return page.table({
-        Markup("P<sub>r</sub> [µm]"): numbers(found["pillar_radius_um"]),
-        Markup("N<sub>p</sub>"): numbers(found["periodicity"]),
-        "cell": texts(found["stiffness_set"]), "knob": texts(found["knob"]),
-        "steps": [", ".join(fixed(v, 3) for v in steps) for steps in found["steps"]],
-        "critical gaps [µm]": [", ".join(fixed(v) for v in gaps)
-                               for gaps in found["critical_gaps_um"]],
-        "order": decimals(found["observed_order"]),
-        "limit [µm]": decimals(found["extrapolated_gap_um"]),
-        "campaign − limit [µm]": decimals(found["error_um"]), "note": texts(found["note"]),
-    }, ["convergence"])  # fmt: skip
+    return page.table(
+        {
+            Markup("P<sub>r</sub> [µm]"): numbers(found["pillar_radius_um"]),
+            Markup("N<sub>p</sub>"): numbers(found["periodicity"]),
+            "cell": texts(found["stiffness_set"]),
+            "knob": texts(found["knob"]),
+            "steps": [", ".join(fixed(v, 3) for v in steps) for steps in found["steps"]],
+            "critical gaps [µm]": [
+                ", ".join(fixed(v) for v in gaps) for gaps in found["critical_gaps_um"]
+            ],
+            "order": decimals(found["observed_order"]),
+            "limit [µm]": decimals(found["extrapolated_gap_um"]),
+            "campaign − limit [µm]": decimals(found["error_um"]),
+            "note": texts(found["note"]),
+        },
+        ["convergence"],
+    )
 
 
 def _work_precision(page: Page) -> dict:
@@ -99,25 +130,38 @@ def _work_precision(page: Page) -> dict:
     for quantity, name in ((ANGLE, "knobs_angle"), (INDEX, "knobs_index")):
         part = table[table["quantity"] == quantity]
         if (part["kind"] == "knob").any() and part["error_share"].notna().any():
-            knobs.append((Markup(accuracy_figures.NAMES[quantity]), page.figure(
-                name, accuracy_figures.draw_knobs(part, quantity), ["accuracy"])))
+            knobs.append(
+                (
+                    Markup(accuracy_figures.NAMES[quantity]),
+                    page.figure(name, accuracy_figures.draw_knobs(part, quantity), ["accuracy"]),
+                )
+            )
     whole = any(len(accuracy_figures.overall(table, q)) for q in (ANGLE, INDEX))
     missing = table[table["value"].isna()]
     return {
         "knobs": knobs,
         "pareto": page.figure("pareto", accuracy_figures.draw_pareto(table), ["accuracy"])
-        if whole else None,
+        if whole
+        else None,
         "gains": page.figure("gains", accuracy_figures.draw_gains(table), ["accuracy"])
-        if whole else None,
+        if whole
+        else None,
         "settings": _settings(page) if whole else None,
-        "missing": page.table({
-            "case": texts(missing["case"]),
-            "setting": [f"{knob} = {value}" for knob, value in zip(
-                missing["knob"], missing["setting"], strict=True)],
-            "status": texts(missing["status"]),
-        }, ["accuracy"]) if len(missing) else None,
+        "missing": page.table(
+            {
+                "case": texts(missing["case"]),
+                "setting": [
+                    f"{knob} = {value}"
+                    for knob, value in zip(missing["knob"], missing["setting"], strict=True)
+                ],
+                "status": texts(missing["status"]),
+            },
+            ["accuracy"],
+        )
+        if len(missing)
+        else None,
         "points": _points(page),
-    }  # fmt: skip
+    }
 
 
 def _settings(page: Page) -> Grid:
@@ -129,28 +173,44 @@ def _settings(page: Page) -> Grid:
         return fixed(row["value"], 2 if unit else 4) + unit
 
     rows = [row for _, row in whole.iterrows()]
-    return page.table({
-        "case": texts(whole["case"]), "setting": texts(whole["knob"]),
-        Markup("θ<sub>m</sub> or DI"): map(value, rows),
-        "mode": [text(row["mode"].strip("/")) for row in rows],
-        "error": map(percent, whole["error_to_reference_share"]),
-        "starts": map(percent, whole["noise_share"]),
-        "wall time [s]": numbers(whole["wall_time_s"], 2),
-        "spacing [µm]": numbers(whole["spacing_um"]), "status": texts(whole["status"]),
-    }, ["accuracy"], ~whole["settled"].astype(bool), [
-        "the default" if s == "{}" else "differs in " + s.strip("{}").replace('"', "")
-        for s in whole["setting"]])  # fmt: skip
+    return page.table(
+        {
+            "case": texts(whole["case"]),
+            "setting": texts(whole["knob"]),
+            Markup("θ<sub>m</sub> or DI"): map(value, rows),
+            "mode": [text(row["mode"].strip("/")) for row in rows],
+            "error": map(percent, whole["error_to_reference_share"]),
+            "starts": map(percent, whole["noise_share"]),
+            "wall time [s]": numbers(whole["wall_time_s"], 2),
+            "spacing [µm]": numbers(whole["spacing_um"]),
+            "status": texts(whole["status"]),
+        },
+        ["accuracy"],
+        ~whole["settled"].astype(bool),
+        [
+            "the default" if s == "{}" else "differs in " + s.strip("{}").replace('"', "")
+            for s in whole["setting"]
+        ],
+    )
 
 
 def _points(page: Page) -> Grid:
     table = page["accuracy"]
     knobs = table[table["kind"] != SETTING]
-    return page.table({
-        "case": texts(knobs["case"]), "knob": texts(knobs["knob"]),
-        "value": [text(s.strip('"')) + (" (default)" if d else "") for s, d in zip(
-            knobs["setting"], knobs["is_default"], strict=True)],
-        Markup("θ<sub>m</sub> [°] or DI"): decimals(knobs["value"].astype(float), 4),
-        "error": map(percent, knobs["error_share"]),
-        "to the reference": map(percent, knobs["error_to_reference_share"]),
-        "wall time [s]": numbers(knobs["wall_time_s"], 2), "status": texts(knobs["status"]),
-    }, ["accuracy"], ~knobs["settled"].astype(bool))  # fmt: skip
+    return page.table(
+        {
+            "case": texts(knobs["case"]),
+            "knob": texts(knobs["knob"]),
+            "value": [
+                text(s.strip('"')) + (" (default)" if d else "")
+                for s, d in zip(knobs["setting"], knobs["is_default"], strict=True)
+            ],
+            Markup("θ<sub>m</sub> [°] or DI"): decimals(knobs["value"].astype(float), 4),
+            "error": map(percent, knobs["error_share"]),
+            "to the reference": map(percent, knobs["error_to_reference_share"]),
+            "wall time [s]": numbers(knobs["wall_time_s"], 2),
+            "status": texts(knobs["status"]),
+        },
+        ["accuracy"],
+        ~knobs["settled"].astype(bool),
+    )

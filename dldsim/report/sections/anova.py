@@ -27,14 +27,19 @@ def contents(page: Page) -> dict:
     order = [*MODEL_CAPTION, *(m for m in table["model"].unique() if m not in MODEL_CAPTION)]
     return {
         "effects": page.figure("effects", statistics_figures.draw_effects(table), ["anova"])
-        if table["partial_eta_sq"].notna().any() else None,
-        "models": [_model(page, model, part) for model in order
-                   if len(part := table[table["model"] == model])],
+        if table["partial_eta_sq"].notna().any()
+        else None,
+        "models": [
+            _model(page, model, part)
+            for model in order
+            if len(part := table[table["model"] == model])
+        ],
         "residuals": _residuals(page) if page.some("anova_diagnostics") else None,
         "sobol": page.figure("sobol", surrogate_figures.draw_sobol(page["sobol"]), ["sobol"])
-        if page.some("sobol") else None,
+        if page.some("sobol")
+        else None,
         "inside": page["sobol"]["inside_share"].iloc[0] if page.some("sobol") else None,
-    }  # fmt: skip
+    }
 
 
 def _model(page: Page, model: str, part: pd.DataFrame) -> dict:
@@ -43,17 +48,27 @@ def _model(page: Page, model: str, part: pd.DataFrame) -> dict:
     whole = [int(df) if df == int(df) else df for df in shown["df"]]
     return {
         "caption": MODEL_CAPTION.get(model, model),
-        "grid": page.table({
-            "term": map(term, shown["term"]), "sum of squares [deg²]": numbers(shown["sum_sq"], 4),
-            "df": numbers(whole), "F": numbers(shown["f_value"], 4),
-            "p": map(probability, shown["p_value"]), "p, HC3": map(probability, shown["p_robust"]),
-            "p, permutation": map(probability, shown["p_permutation"]),
-            "partial η²": decimals(shown["partial_eta_sq"], 3),
-            "partial ω²": decimals(shown["partial_omega_sq"], 3),
-        }, ["anova"]) if len(shown) else None,
-        "notes": [(listing(map(term, group["term"])), note)
-                  for note, group in noted.groupby("note", sort=False)],
-    }  # fmt: skip
+        "grid": page.table(
+            {
+                "term": map(term, shown["term"]),
+                "sum of squares [deg²]": numbers(shown["sum_sq"], 4),
+                "df": numbers(whole),
+                "F": numbers(shown["f_value"], 4),
+                "p": map(probability, shown["p_value"]),
+                "p, HC3": map(probability, shown["p_robust"]),
+                "p, permutation": map(probability, shown["p_permutation"]),
+                "partial η²": decimals(shown["partial_eta_sq"], 3),
+                "partial ω²": decimals(shown["partial_omega_sq"], 3),
+            },
+            ["anova"],
+        )
+        if len(shown)
+        else None,
+        "notes": [
+            (listing(map(term, group["term"])), note)
+            for note, group in noted.groupby("note", sort=False)
+        ],
+    }
 
 
 def _residuals(page: Page) -> Grid:
@@ -63,10 +78,14 @@ def _residuals(page: Page) -> Grid:
     for model in found["model"].unique():
         by_test = found[found["model"] == model].set_index("test")
         columns[statistics_figures.MODEL_TITLE.get(model, model)] = [
-            NOT_MEASURED if name not in by_test.index else
-            number(float(by_test.loc[name, "statistic"]))
-            + ("" if pd.isna(by_test.loc[name, "p_value"]) else
-               f" (p = {probability(by_test.loc[name, 'p_value'])})")
+            NOT_MEASURED
+            if name not in by_test.index
+            else number(float(by_test.loc[name, "statistic"]))
+            + (
+                ""
+                if pd.isna(by_test.loc[name, "p_value"])
+                else f" (p = {probability(by_test.loc[name, 'p_value'])})"
+            )
             for name in tests["test"]
         ]
     return page.table(columns | {"how to read it": texts(tests["meaning"])}, ["anova_diagnostics"])

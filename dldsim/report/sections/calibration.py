@@ -14,41 +14,65 @@ def contents(page: Page) -> dict:
     broken = runs[runs["deformation_index"].isna()]
     diameters, tracks = _diameters(page)
     return {
-        "broken": page.table({
-            "run": texts(broken["run_id"]), "group": texts(broken["group"]),
-            "status": texts(broken["status"]), "reason": texts(broken["stop_reason"]),
-        }, ["constriction_runs"]) if len(broken) else None,
+        "broken": page.table(
+            {
+                "run": texts(broken["run_id"]),
+                "group": texts(broken["group"]),
+                "status": texts(broken["status"]),
+                "reason": texts(broken["stop_reason"]),
+            },
+            ["constriction_runs"],
+        )
+        if len(broken)
+        else None,
         "calibration": page.figure(
-            "calibration", calibration_figures.draw_calibration(runs, calibration),
-            ["constriction_runs", "calibration"]) if len(calibration) else None,
+            "calibration",
+            calibration_figures.draw_calibration(runs, calibration),
+            ["constriction_runs", "calibration"],
+        )
+        if len(calibration)
+        else None,
         "correlations": page.figure(
             "correlations",
             calibration_figures.draw_correlations(page["calibration_correlations"]),
-            ["calibration_correlations"])
-        if len(calibration) and page.some("calibration_correlations") else None,
+            ["calibration_correlations"],
+        )
+        if len(calibration) and page.some("calibration_correlations")
+        else None,
         "values": _values(page, calibration) if len(calibration) else None,
-        "moduli": page.figure("moduli", calibration_figures.draw_moduli(runs),
-                              ["constriction_runs"])
-        if runs["deformation_index"].notna().any() else None,
-        "diameters": diameters, "tracks": tracks,
-    }  # fmt: skip
+        "moduli": page.figure(
+            "moduli", calibration_figures.draw_moduli(runs), ["constriction_runs"]
+        )
+        if runs["deformation_index"].notna().any()
+        else None,
+        "diameters": diameters,
+        "tracks": tracks,
+    }
 
 
 def _values(page: Page, table: pd.DataFrame) -> Grid:
-    return page.table({
-        "design": texts(table["design"]), "group": texts(table["group"]),
-        "set": texts(table["stiffness_set"]),
-        Markup("<i>k</i><sub>s</sub> [µN/m]"): numbers(table["ks_uN_per_m"]),
-        Markup("<i>k</i><sub>b</sub> [pN·µm]"): numbers(table["kb_pN_um"]),
-        Markup("<i>k</i><sub>α</sub> [µN/m]"): numbers(table["kal_uN_per_m"]),
-        "velocity [mm/s]": numbers(table["velocity_mm_s"], 4), "runs": numbers(table["runs"]),
-        "DI": plus_minus(table["deformation_index"], table["deformation_index_std"], 3),
-        "95 % interval of the mean": ranges(
-            table["deformation_index_low"], table["deformation_index_high"], 3),
-        "range": ranges(table["deformation_index_min"], table["deformation_index_max"], 3),
-        "variation": [f"{fixed(100 * v, 1)} %" if pd.notna(v) else NOT_MEASURED
-                      for v in table["coefficient_of_variation"]],
-    }, ["calibration"])  # fmt: skip
+    return page.table(
+        {
+            "design": texts(table["design"]),
+            "group": texts(table["group"]),
+            "set": texts(table["stiffness_set"]),
+            Markup("<i>k</i><sub>s</sub> [µN/m]"): numbers(table["ks_uN_per_m"]),
+            Markup("<i>k</i><sub>b</sub> [pN·µm]"): numbers(table["kb_pN_um"]),
+            Markup("<i>k</i><sub>α</sub> [µN/m]"): numbers(table["kal_uN_per_m"]),
+            "velocity [mm/s]": numbers(table["velocity_mm_s"], 4),
+            "runs": numbers(table["runs"]),
+            "DI": plus_minus(table["deformation_index"], table["deformation_index_std"], 3),
+            "95 % interval of the mean": ranges(
+                table["deformation_index_low"], table["deformation_index_high"], 3
+            ),
+            "range": ranges(table["deformation_index_min"], table["deformation_index_max"], 3),
+            "variation": [
+                f"{fixed(100 * v, 1)} %" if pd.notna(v) else NOT_MEASURED
+                for v in table["coefficient_of_variation"]
+            ],
+        },
+        ["calibration"],
+    )
 
 
 def _diameters(page: Page) -> tuple[Picture | None, int]:
@@ -56,8 +80,10 @@ def _diameters(page: Page) -> tuple[Picture | None, int]:
     folder = page.results / "constriction"
     runs = page["constriction_runs"]
     known = set(runs["run_id"])
-    tracks = [read_table("constriction_trajectory", path)
-              for path in sorted(folder.glob("*.trajectory.parquet"))]
+    tracks = [
+        read_table("constriction_trajectory", path)
+        for path in sorted(folder.glob("*.trajectory.parquet"))
+    ]
     tracks = [part for track in tracks if len(part := track[track["run_id"].isin(known)])]
     if not tracks:
         return None, 0

@@ -24,8 +24,11 @@ from dldsim.report.page import Grid, Page
 from dldsim.report.scope import holds_for, meaning_of_radius
 from dldsim.report.style import mode_name
 
-PARAMETERS = {"pillar_radius_um": ("P_r", " µm"), "gap_um": ("P_g", " µm"),
-              "periodicity": ("N_p", "")}
+PARAMETERS = {
+    "pillar_radius_um": ("P_r", " µm"),
+    "gap_um": ("P_g", " µm"),
+    "periodicity": ("N_p", ""),
+}
 NEAR = 0.01
 """Share of the range of a search within which a candidate counts as on its bound."""
 LENGTH, PRESSURE = "length [mm]", "pressure drop [kPa]"
@@ -40,8 +43,11 @@ def contents(page: Page) -> dict | None:
 
 def requests_of(page: Page) -> dict[str, Mapping]:
     """The design requests by name: as the tables record them, else as configured."""
-    recorded = (settings_of(page.results / TABLES["designs"][0]).get("design_requests")
-                or page.setting("design_requests") or [])
+    recorded = (
+        settings_of(page.results / TABLES["designs"][0]).get("design_requests")
+        or page.setting("design_requests")
+        or []
+    )
     return {request["name"]: request for request in recorded}
 
 
@@ -51,16 +57,25 @@ def scope(page: Page) -> list[str]:
     cell, flow = settings.get("cell"), settings.get("flow")
     if cell is None and page.some("outcomes"):
         row = page["outcomes"].iloc[0]
-        cell = {"shape": row["cell_shape"], "radius_um": float(row["cell_radius_um"]),
-                "aspect_ratio": page.setting("cell", "aspect_ratio")}
+        cell = {
+            "shape": row["cell_shape"],
+            "radius_um": float(row["cell_radius_um"]),
+            "aspect_ratio": page.setting("cell", "aspect_ratio"),
+        }
         flow = {name: float(row[name]) for name in ("height_um", "mean_velocity_mm_s")}
     if not cell or not flow:
         return []
-    asked = [request[f"radius_{i}_um"] for request in requests_of(page).values() for i in (1, 2)
-             if f"radius_{i}_um" in request]
+    asked = [
+        request[f"radius_{i}_um"]
+        for request in requests_of(page).values()
+        for i in (1, 2)
+        if f"radius_{i}_um" in request
+    ]
     radii = sorted(asked) or [cell["radius_um"]]
-    return [holds_for(cell["shape"], radii, flow["height_um"], flow["mean_velocity_mm_s"]),
-            meaning_of_radius(cell["shape"], radii[0], cell.get("aspect_ratio") or 1.0)]
+    return [
+        holds_for(cell["shape"], radii, flow["height_um"], flow["mean_velocity_mm_s"]),
+        meaning_of_radius(cell["shape"], radii[0], cell.get("aspect_ratio") or 1.0),
+    ]
 
 
 def on_bounds(row: Mapping, request: Mapping | None) -> list[str]:
@@ -77,16 +92,25 @@ def on_bounds(row: Mapping, request: Mapping | None) -> list[str]:
 
 def _both(table: pd.DataFrame, name: str) -> list[Markup]:
     """Values of both cell types, with their modes."""
-    pairs = zip(table[f"{name}_1_deg"], table["mode_1"], table[f"{name}_2_deg"], table["mode_2"],
-                strict=True)
-    return [Markup("{} {},<br>{} {}").format(fixed(a), mode_name(m), fixed(b), mode_name(n))
-            for a, m, b, n in pairs]
+    pairs = zip(
+        table[f"{name}_1_deg"],
+        table["mode_1"],
+        table[f"{name}_2_deg"],
+        table["mode_2"],
+        strict=True,
+    )
+    return [
+        Markup("{} {},<br>{} {}").format(fixed(a), mode_name(m), fixed(b), mode_name(n))
+        for a, m, b, n in pairs
+    ]
 
 
 def _notes(table: pd.DataFrame, requests: Mapping[str, Mapping]) -> list[str]:
     """The verdict of each design, and the bounds that it lies on."""
-    return ["; ".join([text(row["verdict"]), *on_bounds(row, requests.get(row["request"]))])
-            for _, row in table.iterrows()]
+    return [
+        "; ".join([text(row["verdict"]), *on_bounds(row, requests.get(row["request"]))])
+        for _, row in table.iterrows()
+    ]
 
 
 def best_of(page: Page) -> pd.DataFrame:
@@ -107,18 +131,30 @@ def answer(page: Page) -> dict:
     requests = requests_of(page)
     return {
         "bounds_known": bool(requests),
-        "edge": [(row["request"], on_bounds(row, requests.get(row["request"])))
-                 for _, row in best.iterrows() if on_bounds(row, requests.get(row["request"]))],
-        "answer": page.table({
-            "request": texts(best["request"]), **array_columns(best),
-            Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(best, "angle"),
-            "separation [°]": plus_minus(best["separation_deg"], best["error_deg"]),
-            "angles are": best["basis"], LENGTH: numbers(best["length_mm"]),
-            PRESSURE: numbers(best["pressure_drop_kPa"], 2),
-            "throughput [µL/h]": numbers(best["throughput_uL_per_h"]),
-        }, [k for k in ("verified_designs", "designs", "design_requests", "verified_requests")
-            if k in page], notes=_notes(best, requests)),
-    }  # fmt: skip
+        "edge": [
+            (row["request"], on_bounds(row, requests.get(row["request"])))
+            for _, row in best.iterrows()
+            if on_bounds(row, requests.get(row["request"]))
+        ],
+        "answer": page.table(
+            {
+                "request": texts(best["request"]),
+                **array_columns(best),
+                Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(best, "angle"),
+                "separation [°]": plus_minus(best["separation_deg"], best["error_deg"]),
+                "angles are": best["basis"],
+                LENGTH: numbers(best["length_mm"]),
+                PRESSURE: numbers(best["pressure_drop_kPa"], 2),
+                "throughput [µL/h]": numbers(best["throughput_uL_per_h"]),
+            },
+            [
+                k
+                for k in ("verified_designs", "designs", "design_requests", "verified_requests")
+                if k in page
+            ],
+            notes=_notes(best, requests),
+        ),
+    }
 
 
 def judged(design: Mapping) -> str:
@@ -137,65 +173,101 @@ def verified(page: Page) -> dict:
     verifications, requests = page["verifications"], requests_of(page)
     rows = verifications[verifications["population"] != "difference"]
     return {
-        "rounds": page.figure("verification", design_figures.draw_rounds(verifications),
-                              ["verifications"]),
+        "rounds": page.figure(
+            "verification", design_figures.draw_rounds(verifications), ["verifications"]
+        ),
         "of_requests": [
             _of_request(page, name, table, requests)
-            for name, table in page["verified_designs"].groupby("request", sort=False)],
-        "all_outcomes": page.table({
-            "request": texts(rows["request"]), "round": numbers(rows["round"]),
-            "role": texts(rows["role"]), **array_columns(rows),
-            "height [µm]": numbers(rows["height_um"]), "cell": texts(rows["population"]),
-            "radius [µm]": numbers(rows["cell_radius_um"]),
-            Markup("k<sub>s</sub> [µN/m]"): numbers(rows["ks_uN_per_m"]),
-            "predicted [°]": ranges(rows["predicted_low_deg"], rows["predicted_high_deg"]),
-            "simulated [°]": plus_minus(rows["simulated_deg"], rows["sigma_num_deg"]),
-            "mode": map(mode_name, rows["mode"]),
-        }, ["verifications"], rows["agrees"].isin([False]) | rows["simulated_deg"].isna(),
-            _sentences(rows["verdict"], rows["note"])),
-    }  # fmt: skip
+            for name, table in page["verified_designs"].groupby("request", sort=False)
+        ],
+        "all_outcomes": page.table(
+            {
+                "request": texts(rows["request"]),
+                "round": numbers(rows["round"]),
+                "role": texts(rows["role"]),
+                **array_columns(rows),
+                "height [µm]": numbers(rows["height_um"]),
+                "cell": texts(rows["population"]),
+                "radius [µm]": numbers(rows["cell_radius_um"]),
+                Markup("k<sub>s</sub> [µN/m]"): numbers(rows["ks_uN_per_m"]),
+                "predicted [°]": ranges(rows["predicted_low_deg"], rows["predicted_high_deg"]),
+                "simulated [°]": plus_minus(rows["simulated_deg"], rows["sigma_num_deg"]),
+                "mode": map(mode_name, rows["mode"]),
+            },
+            ["verifications"],
+            rows["agrees"].isin([False]) | rows["simulated_deg"].isna(),
+            _sentences(rows["verdict"], rows["note"]),
+        ),
+    }
 
 
 def _sentences(*columns: Iterable) -> list[str]:
-    return ["; ".join(str(v) for v in values if not pd.isna(v) and v != "")
-            for values in zip(*columns, strict=True)]
+    return [
+        "; ".join(str(v) for v in values if not pd.isna(v) and v != "")
+        for values in zip(*columns, strict=True)
+    ]
 
 
 def _of_request(page: Page, name: str, table: pd.DataFrame, requests: Mapping) -> dict:
     """Two tables of the simulated designs of a request, their pictures and files."""
     folder = page.results / "designs" / str(name)
     marked = table["separates"].isin([False]) | table["separation_deg"].isna()
-    designs = page.table({
-        "rank": numbers(table["rank"]), "design": texts(table["name"]), **array_columns(table),
-        Markup("simulated {} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
-        "simulated separation [°]": plus_minus(table["separation_deg"], table["sigma_num_deg"]),
-        LENGTH: numbers(table["length_mm"]),
-        PRESSURE: numbers(table["pressure_drop_kPa"], 2),
-    }, ["verified_designs"], marked, _notes(table, requests))
-    checks = page.table({
-        "design": texts(table["name"]), "round": numbers(table["round"]),
-        "predicted before [°]": plus_minus(
-            table["predicted_separation_deg"], table["uncertainty_deg"]),
-        "prediction": [judged(row) for _, row in table.iterrows()],
-        "simulated [°]": plus_minus(table["separation_deg"], table["sigma_num_deg"]),
-        Markup("finer lattice, half Re [°]<br><small>simulated</small>"): decimals(
-            table["separation_finer_deg"]),
-        Markup("over ± <i>P</i><sub>r</sub>, <i>P</i><sub>g</sub> [°]<br><small>predicted</small>"):
-            ranges(table["separation_tolerance_min_deg"], table["separation_tolerance_max_deg"]),
-        Markup("lower, higher channel [°]<br><small>simulated</small>"): [
-            f"{fixed(a)}, {fixed(b)}" for a, b in zip(
-                table["separation_low_height_deg"], table["separation_high_height_deg"],
-                strict=True)],
-    }, ["verified_designs"], marked)
+    designs = page.table(
+        {
+            "rank": numbers(table["rank"]),
+            "design": texts(table["name"]),
+            **array_columns(table),
+            Markup("simulated {} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
+            "simulated separation [°]": plus_minus(table["separation_deg"], table["sigma_num_deg"]),
+            LENGTH: numbers(table["length_mm"]),
+            PRESSURE: numbers(table["pressure_drop_kPa"], 2),
+        },
+        ["verified_designs"],
+        marked,
+        _notes(table, requests),
+    )
+    checks = page.table(
+        {
+            "design": texts(table["name"]),
+            "round": numbers(table["round"]),
+            "predicted before [°]": plus_minus(
+                table["predicted_separation_deg"], table["uncertainty_deg"]
+            ),
+            "prediction": [judged(row) for _, row in table.iterrows()],
+            "simulated [°]": plus_minus(table["separation_deg"], table["sigma_num_deg"]),
+            Markup("finer lattice, half Re [°]<br><small>simulated</small>"): decimals(
+                table["separation_finer_deg"]
+            ),
+            Markup(
+                "over ± <i>P</i><sub>r</sub>, <i>P</i><sub>g</sub> [°]<br><small>predicted</small>"
+            ): ranges(table["separation_tolerance_min_deg"], table["separation_tolerance_max_deg"]),
+            Markup("lower, higher channel [°]<br><small>simulated</small>"): [
+                f"{fixed(a)}, {fixed(b)}"
+                for a, b in zip(
+                    table["separation_low_height_deg"],
+                    table["separation_high_height_deg"],
+                    strict=True,
+                )
+            ],
+        },
+        ["verified_designs"],
+        marked,
+    )
     pictures = (folder / f"{n}.passage.png" for n in table["name"])
     return {
-        "name": name, "designs": designs, "checks": checks,
-        "stopped": table["stopped"].iloc[0], "throughput": table["throughput_uL_per_h"].iloc[0],
+        "name": name,
+        "designs": designs,
+        "checks": checks,
+        "stopped": table["stopped"].iloc[0],
+        "throughput": table["throughput_uL_per_h"].iloc[0],
         "pressure_basis": table["pressure_basis"].iloc[0],
-        "files": [(n, [page.link(f) for f in sorted(folder.glob(f"{n}.*"))])
-                  for n in table["name"] if page.linked and any(folder.glob(f"{n}.*"))],
+        "files": [
+            (n, [page.link(f) for f in sorted(folder.glob(f"{n}.*"))])
+            for n in table["name"]
+            if page.linked and any(folder.glob(f"{n}.*"))
+        ],
         "pictures": [page.image(path) for path in pictures if path.exists()],
-    }  # fmt: skip
+    }
 
 
 def candidates(page: Page) -> dict:
@@ -205,27 +277,40 @@ def candidates(page: Page) -> dict:
     designs, requests = page["designs"], requests_of(page)
     return {
         "candidates": page.figure("designs", design_figures.draw_designs(designs), ["designs"]),
-        "predicted": [_predicted(page, name, table, requests)
-                      for name, table in designs.groupby("request", sort=False)],
+        "predicted": [
+            _predicted(page, name, table, requests)
+            for name, table in designs.groupby("request", sort=False)
+        ],
         "tolerances": _tolerances(page),
-    }  # fmt: skip
+    }
 
 
 def _predicted(page: Page, name: str, table: pd.DataFrame, requests: Mapping) -> dict:
-    grid = page.table({
-        "rank": numbers(table["rank"]), **array_columns(table),
-        Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
-        "separation [°]": plus_minus(table["separation_deg"], table["uncertainty_deg"]),
-        Markup("σ<sub>num</sub> [°]"): decimals(table["sigma_num_deg"]),
-        "over tolerance [°]": ranges(table["separation_tolerance_min_deg"],
-                                     table["separation_tolerance_max_deg"]),
-        "robust [°]": decimals(table["robust_separation_deg"]),
-        "mode changes": [f"{p:.0%}" for p in table["mode_change_probability"]],
-        LENGTH: numbers(table["length_mm"]),
-        "drop [kPa]": numbers(table["pressure_drop_kPa"], 2),
-    }, ["designs"], ~table["inside_training_domain"].astype(bool), _notes(table, requests))
-    return {"name": name, "grid": grid, "objective": table["objective"].iloc[0],
-            "pressure_basis": table["pressure_basis"].iloc[0]}
+    grid = page.table(
+        {
+            "rank": numbers(table["rank"]),
+            **array_columns(table),
+            Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
+            "separation [°]": plus_minus(table["separation_deg"], table["uncertainty_deg"]),
+            Markup("σ<sub>num</sub> [°]"): decimals(table["sigma_num_deg"]),
+            "over tolerance [°]": ranges(
+                table["separation_tolerance_min_deg"], table["separation_tolerance_max_deg"]
+            ),
+            "robust [°]": decimals(table["robust_separation_deg"]),
+            "mode changes": [f"{p:.0%}" for p in table["mode_change_probability"]],
+            LENGTH: numbers(table["length_mm"]),
+            "drop [kPa]": numbers(table["pressure_drop_kPa"], 2),
+        },
+        ["designs"],
+        ~table["inside_training_domain"].astype(bool),
+        _notes(table, requests),
+    )
+    return {
+        "name": name,
+        "grid": grid,
+        "objective": table["objective"].iloc[0],
+        "pressure_basis": table["pressure_basis"].iloc[0],
+    }
 
 
 def _tolerances(page: Page) -> Grid | None:
@@ -233,13 +318,17 @@ def _tolerances(page: Page) -> Grid | None:
         return None
     table = page["design_tolerances"]
     table = table[table["design"] == 1]
-    return page.table({
-        "request": texts(table["request"]), "off": texts(table["parameter"]),
-        "by": numbers(table["offset"], 2),
-        Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
-        "separation [°]": decimals(table["separation_deg"]),
-        "slope [° per µm or per 1]": numbers(table["sensitivity_deg_per_unit"], 2),
-    }, ["design_tolerances"])  # fmt: skip
+    return page.table(
+        {
+            "request": texts(table["request"]),
+            "off": texts(table["parameter"]),
+            "by": numbers(table["offset"], 2),
+            Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
+            "separation [°]": decimals(table["separation_deg"]),
+            "slope [° per µm or per 1]": numbers(table["sensitivity_deg_per_unit"], 2),
+        },
+        ["design_tolerances"],
+    )
 
 
 def largest(page: Page) -> dict | None:
@@ -251,6 +340,8 @@ def largest(page: Page) -> dict | None:
         return None
     best = done.loc[done["separation_deg"].idxmax()]
     [value] = plus_minus([best["separation_deg"]], [best["sigma_num_deg"]], 1)
-    array = (f"P_r {number(best['pillar_radius_um'])} µm, P_g {number(best['gap_um'])} µm, "
-             f"N_p {best['periodicity']}")
+    array = (
+        f"P_r {number(best['pillar_radius_um'])} µm, P_g {number(best['gap_um'])} µm, "
+        f"N_p {best['periodicity']}"
+    )
     return {"value": f"{value}°", "request": best["request"], "array": array}

@@ -14,17 +14,18 @@ def contents(page: Page) -> dict | None:
     if measured(outcomes).empty:
         return None
     points = angle_figures.mode_points(outcomes, page.setting("cell", "aspect_ratio") or 1.0)
-    right_side = (
-        (points["mode"] == "bump") & (points["size_over_critical"] > 1)
-        | (points["mode"] == "zigzag") & (points["size_over_critical"] < 1)
-    )
+    right_side = (points["mode"] == "bump") & (points["size_over_critical"] > 1) | (
+        points["mode"] == "zigzag"
+    ) & (points["size_over_critical"] < 1)
     maps, arrays = _row_maps(page) if "runs" in page else (None, 0)
     return {
-        "row_maps": maps, "arrays": arrays,
+        "row_maps": maps,
+        "arrays": arrays,
         "mode_map": page.figure("mode_map", angle_figures.draw_mode_map(points), ["outcomes"]),
-        "size": float(points["size_um"].median()), "right": int(right_side.sum()),
+        "size": float(points["size_um"].median()),
+        "right": int(right_side.sum()),
         "told": int(points["mode"].isin(["bump", "zigzag"]).sum()),
-    }  # fmt: skip
+    }
 
 
 def _row_maps(page: Page) -> tuple[Picture | None, int]:

@@ -40,11 +40,21 @@ def contents(page: Page) -> dict | None:
     left_out = runs["left_out"].fillna("").replace("", "nothing").value_counts()
     return {
         "cost": page.figure("numerics", flow_figures.draw_numerics(runs), ["runs"]),
-        "quantities": page.table({
-            "quantity": [QUANTITIES[n][0] for n in names],
-            "unit": [QUANTITIES[n][1] for n in names],
-            "smallest": column(np.min), "median": column(np.median), "largest": column(np.max),
-        }, ["runs"]),
-        "left_out": page.table({"left out of the simulation": texts(left_out.index),
-                                "runs": numbers(left_out.to_numpy())}, ["runs"]),
-    }  # fmt: skip
+        "quantities": page.table(
+            {
+                "quantity": [QUANTITIES[n][0] for n in names],
+                "unit": [QUANTITIES[n][1] for n in names],
+                "smallest": column(np.min),
+                "median": column(np.median),
+                "largest": column(np.max),
+            },
+            ["runs"],
+        ),
+        "left_out": page.table(
+            {
+                "left out of the simulation": texts(left_out.index),
+                "runs": numbers(left_out.to_numpy()),
+            },
+            ["runs"],
+        ),
+    }

@@ -29,23 +29,32 @@ def contents(page: Page) -> dict:
     frequent = most_frequent(table)
     return {
         "scored": True,
-        "map": page.figure("robustness_map", statistics_figures.draw_robustness(table),
-                           ["robustness"]),
-        "best": page.table({
-            Markup("{} [µm]").format(PILLAR_RADIUS): numbers(best["pillar_radius_um"]),
-            Markup("{} [µm]").format(GAP): numbers(best["gap_um"]),
-            PERIODICITY: numbers(best["periodicity"]),
-            Markup("mean {} [°]").format(ANGLE): decimals(best["mean_migration_angle_deg"]),
-            "score [deg²]": numbers(best["robustness_score_deg2"]),
-            "neighbours": numbers(best["neighbours"]), "modes": texts(best["modes"]),
-        }, ["robustness"]),
-        "frequent": page.table({
-            "parameter": map(term, frequent["parameter"]), "value": numbers(frequent["value"]),
-            "among the most robust": numbers(frequent["count"]),
-            "expected of a random choice": decimals(frequent["expected"], 1),
-        }, ["robustness"]),
+        "map": page.figure(
+            "robustness_map", statistics_figures.draw_robustness(table), ["robustness"]
+        ),
+        "best": page.table(
+            {
+                Markup("{} [µm]").format(PILLAR_RADIUS): numbers(best["pillar_radius_um"]),
+                Markup("{} [µm]").format(GAP): numbers(best["gap_um"]),
+                PERIODICITY: numbers(best["periodicity"]),
+                Markup("mean {} [°]").format(ANGLE): decimals(best["mean_migration_angle_deg"]),
+                "score [deg²]": numbers(best["robustness_score_deg2"]),
+                "neighbours": numbers(best["neighbours"]),
+                "modes": texts(best["modes"]),
+            },
+            ["robustness"],
+        ),
+        "frequent": page.table(
+            {
+                "parameter": map(term, frequent["parameter"]),
+                "value": numbers(frequent["value"]),
+                "among the most robust": numbers(frequent["count"]),
+                "expected of a random choice": decimals(frequent["expected"], 1),
+            },
+            ["robustness"],
+        ),
         **_fabrication(page),
-    }  # fmt: skip
+    }
 
 
 def _fabrication(page: Page) -> dict:
@@ -55,19 +64,28 @@ def _fabrication(page: Page) -> dict:
     runs = risk.drop_duplicates([*GEOMETRY, "stiffness_set"])
     worst = statistics_figures.worst_risk(risk)
 
+    limit = risk["moved_limit_deg"].iloc[0]
+
     def kept(name: str) -> list[str]:
-        return [f"{int((part[name] <= SURE).sum())} of {len(part)}"
-                for _, part in worst.groupby("radius_error_um")]
+        return [
+            f"{int((part[name] <= SURE).sum())} of {len(part)}"
+            for _, part in worst.groupby("radius_error_um")
+        ]
 
     return {
-        "fabrication": page.figure("fabrication", statistics_figures.draw_fabrication(risk),
-                                   ["fabrication"]),
-        "wrong": int(runs.eval("predicted_mode != simulated_mode").sum()), "runs": len(runs),
-        "bearing": page.table({
-            Markup("error of {} [µm]").format(PILLAR_RADIUS): numbers(
-                sorted(float(e) for e in worst["radius_error_um"].unique())),
-            "arrays that keep their mode with 95 %": kept("mode_change_probability"),
-            f"arrays that move by less than {risk['moved_limit_deg'].iloc[0]:g}° with 95 %":
-                kept("moved_probability"),
-        }, ["fabrication"]),
-    }  # fmt: skip
+        "fabrication": page.figure(
+            "fabrication", statistics_figures.draw_fabrication(risk), ["fabrication"]
+        ),
+        "wrong": int(runs.eval("predicted_mode != simulated_mode").sum()),
+        "runs": len(runs),
+        "bearing": page.table(
+            {
+                Markup("error of {} [µm]").format(PILLAR_RADIUS): numbers(
+                    sorted(float(e) for e in worst["radius_error_um"].unique())
+                ),
+                "arrays that keep their mode with 95 %": kept("mode_change_probability"),
+                f"arrays that move by less than {limit:g}° with 95 %": kept("moved_probability"),
+            },
+            ["fabrication"],
+        ),
+    }

@@ -14,13 +14,20 @@ def contents(page: Page) -> dict | None:
     return {
         "reasons": list(refused["reason"].fillna("").value_counts().items()),
         "history": page.figure("search", design_figures.draw_history(trials), ["design_trials"]),
-        "parallel": page.figure("search_parallel", design_figures.draw_parallel(trials),
-                                ["design_trials"]),
-        "importance": None if importance is None else page.figure(
-            "search_importance", design_figures.draw_importance(importance),
-            ["design_importance"]),
+        "parallel": page.figure(
+            "search_parallel", design_figures.draw_parallel(trials), ["design_trials"]
+        ),
+        "importance": None
+        if importance is None
+        else page.figure(
+            "search_importance", design_figures.draw_importance(importance), ["design_importance"]
+        ),
         "evaluators": [] if importance is None else list(importance["evaluator"].unique()),
         "slices": page.figure(
-            "search_slices", design_figures.draw_slices(page["design_slices"], page["designs"]),
-            ["design_slices"]) if slices else None,
-    }  # fmt: skip
+            "search_slices",
+            design_figures.draw_slices(page["design_slices"], page["designs"]),
+            ["design_slices"],
+        )
+        if slices
+        else None,
+    }

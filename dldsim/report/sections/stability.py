@@ -13,10 +13,18 @@ def contents(page: Page) -> dict:
         "found": stability_sweep.verdict(records(table)),
         "map": page.figure("stability_map", stability_figures.draw_map(table), ["stability"]),
         "cost": page.figure("stability_cost", stability_figures.draw_cost(table), ["stability"])
-        if table["family"].str.startswith("stiffness-").any() else None,
-        "odd": page.table({
-            "scene": texts(odd["title"]), "point": texts(odd["label"]),
-            "outcome": texts(odd["outcome"]), "margin": numbers(odd["margin"]),
-            "reason": texts(odd["reason"]),
-        }, ["stability"]) if len(odd) else None,
-    }  # fmt: skip
+        if table["family"].str.startswith("stiffness-").any()
+        else None,
+        "odd": page.table(
+            {
+                "scene": texts(odd["title"]),
+                "point": texts(odd["label"]),
+                "outcome": texts(odd["outcome"]),
+                "margin": numbers(odd["margin"]),
+                "reason": texts(odd["reason"]),
+            },
+            ["stability"],
+        )
+        if len(odd)
+        else None,
+    }

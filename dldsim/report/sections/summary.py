@@ -40,16 +40,24 @@ def contents(page: Page) -> dict:
         "cards": _cards(page, modes_of(outcomes), broken),
         "by_status": page.table(_by_status(outcomes), ["outcomes"]),
         "by_run_status": page.table(_by_run_status(page["runs"]), ["runs"])
-        if page.some("runs") else None,
-        "broken": page.table({
-            "outcome": texts(broken["outcome_id"]), "status": texts(broken["status"]),
-            "rows passed": numbers(broken["rows_total"]), "reason": texts(broken["stop_reason"]),
-        }, ["outcomes"]) if len(broken) else None,
+        if page.some("runs")
+        else None,
+        "broken": page.table(
+            {
+                "outcome": texts(broken["outcome_id"]),
+                "status": texts(broken["status"]),
+                "rows passed": numbers(broken["rows_total"]),
+                "reason": texts(broken["stop_reason"]),
+            },
+            ["outcomes"],
+        )
+        if len(broken)
+        else None,
         "undecided": int(count.get("undecided", 0)),
         "max_rows": page.setting("run_control", "max_rows"),
         "rows_max": page.setting("run_control", "outcome_rows_max"),
         "basis": _basis(page),
-    }  # fmt: skip
+    }
 
 
 def modes_of(outcomes: pd.DataFrame) -> list[str]:
@@ -71,8 +79,10 @@ def card_of(page: Page) -> dict | None:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise DldsimError(f"{path} is not readable as JSON ({error}). Delete it and run `snakemake "
-                          "-j2 surrogate`.") from error
+        raise DldsimError(
+            f"{path} is not readable as JSON ({error}). Delete it and run `snakemake "
+            "-j2 surrogate`."
+        ) from error
 
 
 def _cards(page: Page, modes: list[str], broken: pd.DataFrame) -> list[tuple[str, str]]:
@@ -82,15 +92,27 @@ def _cards(page: Page, modes: list[str], broken: pd.DataFrame) -> list[tuple[str
     releases = len(page["runs"]) if "runs" in page else outcomes["releases"].sum()
     cards = []
     if best := designs.largest(page):
-        cards.append((best["value"], "largest simulated separation of a design "
-                      f"({best['request']}): {best['array']}"))
+        cards.append(
+            (
+                best["value"],
+                f"largest simulated separation of a design ({best['request']}): {best['array']}",
+            )
+        )
     cards += [
-        (counted(len(outcomes), "outcome"), f"{arrays} arrays × "
-         f"{outcomes['stiffness_set'].nunique()} stiffness sets, {counted(releases, 'release')}"),
-        (f"{count.get('decided', 0)} decided", f"{count.get('coexisting', 0)} coexisting, "
-         f"{count.get('undecided', 0)} undecided, {len(broken)} without an angle"),
-        (listing(modes) or "no mode",
-         ", ".join(f"{(outcomes['mode'] == mode).sum()} {mode}" for mode in modes)),
+        (
+            counted(len(outcomes), "outcome"),
+            f"{arrays} arrays × "
+            f"{outcomes['stiffness_set'].nunique()} stiffness sets, {counted(releases, 'release')}",
+        ),
+        (
+            f"{count.get('decided', 0)} decided",
+            f"{count.get('coexisting', 0)} coexisting, "
+            f"{count.get('undecided', 0)} undecided, {len(broken)} without an angle",
+        ),
+        (
+            listing(modes) or "no mode",
+            ", ".join(f"{(outcomes['mode'] == mode).sum()} {mode}" for mode in modes),
+        ),
         (duration(simulation_time(page)), "simulation, summed over jobs"),
     ]
     error, card = None, card_of(page)
@@ -102,8 +124,9 @@ def _cards(page: Page, modes: list[str], broken: pd.DataFrame) -> list[tuple[str
         if len(by_array):
             error, name = by_array.iloc[0]["rmse_deg"], by_array.iloc[0]["model"]
     if error is not None:
-        cards.append((f"± {number(float(error), 2)}°",
-                      f"error of {name} on arrays it has not seen (RMSE)"))
+        cards.append(
+            (f"± {number(float(error), 2)}°", f"error of {name} on arrays it has not seen (RMSE)")
+        )
     return cards
 
 
@@ -140,9 +163,10 @@ def _basis(page: Page) -> dict:
         domains = listing(f"{int(rows)} × {int(lanes)}" for rows, lanes in sizes.to_numpy())
     capillary = outcomes["capillary_number"]
     return {
-        "shape": cell["cell_shape"], "radius": f"{cell['cell_radius_um']:g}",
+        "shape": cell["cell_shape"],
+        "radius": f"{cell['cell_radius_um']:g}",
         "height": f"{cell['height_um']:g}" if cell["height_um"] else None,
         "domains": domains or "an unknown number of",
         "capillary": f"{number(capillary.min(), 2)} to {number(capillary.max(), 2)}",
         "lag": number(outcomes["lag_number"].max(), 2),
-    }  # fmt: skip
+    }

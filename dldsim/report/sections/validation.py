@@ -8,8 +8,11 @@ from dldsim.report.formats import NOT_MEASURED, fixed, number, numbers, percent,
 from dldsim.report.page import Grid, Page
 
 FIGURES = (
-    ("convergence", {"square-arrays", "row-shifted-arrays", "duct-poiseuille"},
-     validation_figures.draw_convergence),
+    (
+        "convergence",
+        {"square-arrays", "row-shifted-arrays", "duct-poiseuille"},
+        validation_figures.draw_convergence,
+    ),
     ("square_arrays", {"square-arrays"}, validation_figures.draw_square_arrays),
     ("tilts", {"row-shifted-arrays", "finite-height-arrays"}, validation_figures.draw_tilts),
     ("stretching", {"erythrocyte-stretching"}, validation_figures.draw_stretching),
@@ -27,25 +30,38 @@ def contents(page: Page) -> dict:
     notes = failing.loc[failing["note"] != "", ["case", "note"]].drop_duplicates()
     return {
         "cases": _cases(page),
-        "failing": page.table({
-            "case": texts(failing["case"]), "quantity": texts(failing["quantity"]),
-            "variant": texts(failing["variant"]),
-            "at": [f"{name} {number(value)}" if name else NOT_MEASURED for name, value in zip(
-                failing["parameter_of"], failing["parameter"], strict=True)],
-            "error": map(percent, failing["relative_error"]),
-            "allowed": map(percent, failing["mark"]),
-        }, ["validation"]) if len(failing) else None,
+        "failing": page.table(
+            {
+                "case": texts(failing["case"]),
+                "quantity": texts(failing["quantity"]),
+                "variant": texts(failing["variant"]),
+                "at": [
+                    f"{name} {number(value)}" if name else NOT_MEASURED
+                    for name, value in zip(
+                        failing["parameter_of"], failing["parameter"], strict=True
+                    )
+                ],
+                "error": map(percent, failing["relative_error"]),
+                "allowed": map(percent, failing["mark"]),
+            },
+            ["validation"],
+        )
+        if len(failing)
+        else None,
         "reasons": notes.to_numpy().tolist(),
-        **{name: page.figure(name, draw(table), ["validation"]) if cases & present else None
-           for name, cases, draw in FIGURES},
-    }  # fmt: skip
+        **{
+            name: page.figure(name, draw(table), ["validation"]) if cases & present else None
+            for name, cases, draw in FIGURES
+        },
+    }
 
 
 def _cases(page: Page) -> Grid:
     table = validation_figures.with_levels(page["validation"])
     unresolved = table.groupby("case")["resolution"].transform("count") == 0
-    finest = table[table["finest"] & table["mark"].notna()
-                   & (table["resolution"].notna() | unresolved)]
+    finest = table[
+        table["finest"] & table["mark"].notna() & (table["resolution"].notna() | unresolved)
+    ]
     orders = validation_figures.observed_orders(page["validation"])
     cases = verdicts(records(page["validation"]))
 
@@ -61,16 +77,22 @@ def _cases(page: Page) -> Grid:
 
     names = [case["case"] for case in cases]
     sources = [CASES[name].source if name in CASES else None for name in names]
-    return page.table({
-        "case": texts(names),
-        "what": texts(CASES[name].title if name in CASES else "" for name in names),
-        "largest error, finest resolution": map(largest_error, names), "order": map(order, names),
-        "within marks": [f"{case['marked'] - case['failed']} of {case['marked']}"
-                         for case in cases],
-        "result": ["fails" if case["failed"] else "passes" for case in cases],
-        "time [s]": numbers((case["wall_time_s"] for case in cases), 2),
-    }, ["validation"], [case["failed"] > 0 for case in cases],
-        [f"Reference: {source}" if source else None for source in sources])
+    return page.table(
+        {
+            "case": texts(names),
+            "what": texts(CASES[name].title if name in CASES else "" for name in names),
+            "largest error, finest resolution": map(largest_error, names),
+            "order": map(order, names),
+            "within marks": [
+                f"{case['marked'] - case['failed']} of {case['marked']}" for case in cases
+            ],
+            "result": ["fails" if case["failed"] else "passes" for case in cases],
+            "time [s]": numbers((case["wall_time_s"] for case in cases), 2),
+        },
+        ["validation"],
+        [case["failed"] > 0 for case in cases],
+        [f"Reference: {source}" if source else None for source in sources],
+    )
 
 
 def _by_variant(values: Iterable[tuple[str, float]], form: Callable[[float], str]) -> str:

@@ -19,24 +19,34 @@ def clean(monkeypatch):
         monkeypatch.delenv(f"DLDSIM_WEB_{name}", raising=False)
 
 
-@pytest.mark.parametrize("text", [
-    "https://lab.example, https://chips.example", "https://lab.example,https://chips.example/",
-    " https://lab.example ,, https://chips.example,",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        "https://lab.example, https://chips.example",
+        "https://lab.example,https://chips.example/",
+        " https://lab.example ,, https://chips.example,",
+    ],
+)
 def test_origins_may_have_blanks_between_them(monkeypatch, text):
     monkeypatch.setenv("DLDSIM_WEB_CORS_ORIGINS", text)
     assert Settings.read().cors_origins == ("https://lab.example", "https://chips.example")
 
 
-@pytest.mark.parametrize(("name", "text", "words"), [
-    ("PORT", "eighty", ["'eighty'", "whole number", "65535"]), ("PORT", "70000", ["'70000'"]),
-    ("CORS_ORIGINS", "lab.example", ["such as https://lab.example", "not lab.example"]),
-    ("CORS_ORIGINS", '"https://lab.example"', ["without quotes"]),
-    ("CORS_ORIGINS", "https://lab.example/page", ["without path"]),
-    ("HOST", "http://127.0.0.1", ["alone, without http://"]), ("HOST", "::1:8000x", ["::1"]),
-    ("HOST", "a b", ["a name or an address"]), ("ROOT_PATH", "dldsim", ["begins with a slash"]),
-    ("PROT", "1", ["no such setting", "Did you mean DLDSIM_WEB_PORT"]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("PORT", "eighty", ["'eighty'", "whole number", "65535"]),
+        ("PORT", "70000", ["'70000'"]),
+        ("CORS_ORIGINS", "lab.example", ["such as https://lab.example", "not lab.example"]),
+        ("CORS_ORIGINS", '"https://lab.example"', ["without quotes"]),
+        ("CORS_ORIGINS", "https://lab.example/page", ["without path"]),
+        ("HOST", "http://127.0.0.1", ["alone, without http://"]),
+        ("HOST", "::1:8000x", ["::1"]),
+        ("HOST", "a b", ["a name or an address"]),
+        ("ROOT_PATH", "dldsim", ["begins with a slash"]),
+        ("PROT", "1", ["no such setting", "Did you mean DLDSIM_WEB_PORT"]),
+    ],
+)
 def test_a_wrong_variable_is_named(monkeypatch, name, text, words):
     monkeypatch.setenv(f"DLDSIM_WEB_{name}", text)
     with pytest.raises(DldsimError) as error:
@@ -52,14 +62,19 @@ def test_a_wrong_option_is_named_and_goes_over_the_variable(monkeypatch):
         Settings.read({"port": -1})
 
 
-@pytest.mark.parametrize(("host", "bare", "url"), [
-    ("127.0.0.1", "127.0.0.1", "http://127.0.0.1:80"), ("localhost", "localhost",
-                                                        "http://localhost:80"),
-    ("0.0.0.0", "0.0.0.0", "http://127.0.0.1:80"), ("::1", "::1", "http://[::1]:80"),
-    ("[::1]", "::1", "http://[::1]:80"), ("::", "::", "http://[::1]:80"),
-    ("fe80::1%eth0", "fe80::1%eth0", "http://[fe80::1%25eth0]:80"),
-    ("::ffff:127.0.0.1", "::ffff:127.0.0.1", "http://[::ffff:127.0.0.1]:80"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("host", "bare", "url"),
+    [
+        ("127.0.0.1", "127.0.0.1", "http://127.0.0.1:80"),
+        ("localhost", "localhost", "http://localhost:80"),
+        ("0.0.0.0", "0.0.0.0", "http://127.0.0.1:80"),
+        ("::1", "::1", "http://[::1]:80"),
+        ("[::1]", "::1", "http://[::1]:80"),
+        ("::", "::", "http://[::1]:80"),
+        ("fe80::1%eth0", "fe80::1%eth0", "http://[fe80::1%25eth0]:80"),
+        ("::ffff:127.0.0.1", "::ffff:127.0.0.1", "http://[::ffff:127.0.0.1]:80"),
+    ],
+)
 def test_every_form_of_a_host_has_an_address(host, bare, url):
     assert Settings(host=host).host == bare
     assert serve.address(bare, 80) == url
@@ -67,11 +82,23 @@ def test_every_form_of_a_host_has_an_address(host, bare, url):
     assert api_address(url) == url
 
 
-@pytest.mark.parametrize("text", ["localhost:8000", "127.0.0.1:8000", "http://::1:8000", "http://",
-                                  "ftp://host", "http://host:port", "http://host:0"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "localhost:8000",
+        "127.0.0.1:8000",
+        "http://::1:8000",
+        "http://",
+        "ftp://host",
+        "http://host:port",
+        "http://host:0",
+    ],
+)
 def test_what_is_no_address_is_named_before_the_page_starts(monkeypatch, text):
-    for start in (lambda: serve.serve_page("127.0.0.1", 0, text),
-                  lambda: serve.serve_page("127.0.0.1", 0, None)):
+    for start in (
+        lambda: serve.serve_page("127.0.0.1", 0, text),
+        lambda: serve.serve_page("127.0.0.1", 0, None),
+    ):
         with pytest.raises(DldsimError, match="DLDSIM_WEB_API = .*begins with http://"):
             start()
         monkeypatch.setenv("DLDSIM_WEB_API", text)
@@ -113,6 +140,10 @@ def test_an_address_of_another_machine_is_told(host):
 
 def test_the_command_tells_the_variable(tmp_path, monkeypatch):
     monkeypatch.setenv("DLDSIM_WEB_PORT", "eighty")
-    done = subprocess.run([sys.executable, "-m", "dldsim", "serve", "api"], capture_output=True,
-                          text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "dldsim", "serve", "api"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 2 and "environment variable DLDSIM_WEB_PORT = 'eighty'" in done.stderr

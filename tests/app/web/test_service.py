@@ -42,8 +42,11 @@ class Served:
         environment = {f"DLDSIM_WEB_{k.upper()}": str(v) for k, v in options.items()}
         self.log = (state / "log").open("a")
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "dldsim", "serve", "api", *argv], stdout=self.log,
-            stderr=self.log, env={**os.environ, **environment})
+            [sys.executable, "-m", "dldsim", "serve", "api", *argv],
+            stdout=self.log,
+            stderr=self.log,
+            env={**os.environ, **environment},
+        )
         self.base = f"http://127.0.0.1:{self.port}"
         end = time.monotonic() + LIMIT_S
         while time.monotonic() < end:
@@ -58,8 +61,11 @@ class Served:
     def call(self, method, path, body=None):
         data = None if body is None else json.dumps(body).encode()
         request = urllib.request.Request(
-            self.base + PREFIX + path.removeprefix(PREFIX), data,
-            {"Content-Type": "application/json"}, method=method)
+            self.base + PREFIX + path.removeprefix(PREFIX),
+            data,
+            {"Content-Type": "application/json"},
+            method=method,
+        )
         try:
             with urllib.request.urlopen(request, timeout=LIMIT_S) as answer:
                 return answer.status, json.load(answer)
@@ -151,7 +157,8 @@ def test_default_design_is_quick_and_small(serve):
     sys.stdout.write(
         f"\ndefault request: result after {first:.1f} s, files after {total:.1f} s; parts "
         f"{ {k: round(v, 2) for k, v in seconds.items()} }; peak memory {peak:.0f} MiB "
-        "(proportional, API and worker)\n")
+        "(proportional, API and worker)\n"
+    )
     assert first < 60 and peak < ONE_GIB_MIB
 
 
@@ -159,8 +166,9 @@ def test_fifty_requests_at_once_are_all_answered(serve):
     service = serve()
     seeds = range(50)
     with concurrent.futures.ThreadPoolExecutor(50) as pool:
-        answers = list(pool.map(
-            lambda seed: service.call("POST", "/designs", SMALL | {"seed": seed}), seeds))
+        answers = list(
+            pool.map(lambda seed: service.call("POST", "/designs", SMALL | {"seed": seed}), seeds)
+        )
     assert [status for status, _ in answers] == [202] * 50
     assert len({a["id"] for _, a in answers}) == 50
     found = [service.finished(a["url"]) for _, a in answers]
@@ -171,8 +179,7 @@ def test_fifty_requests_at_once_are_all_answered(serve):
 
 def test_kill_in_mid_job_loses_nothing(serve):
     service = serve()
-    jobs = [service.call("POST", "/designs", ASK | {"seed": s, "candidates": 1})[1]
-            for s in (1, 2)]
+    jobs = [service.call("POST", "/designs", ASK | {"seed": s, "candidates": 1})[1] for s in (1, 2)]
     end = time.monotonic() + LIMIT_S
     while service.call("GET", jobs[0]["url"])[1]["progress"]["trial"] < 10:
         assert time.monotonic() < end
@@ -205,8 +212,14 @@ def test_a_killed_worker_is_replaced(serve):
 
 def test_a_verdict_is_attached_when_it_is_ready(serve, tmp_path):
     settings = yaml.safe_load((Path(__file__).parents[3] / "config.yaml").read_text())
-    settings["verification"] = {"rounds": 1, "designs_per_round": 1, "transition_geometries": 0,
-                                "height_runs": False, "exports": 1, "outcomes_max": 2}
+    settings["verification"] = {
+        "rounds": 1,
+        "designs_per_round": 1,
+        "transition_geometries": 0,
+        "height_runs": False,
+        "exports": 1,
+        "outcomes_max": 2,
+    }
     config = tmp_path / "config.yaml"
     config.write_text(yaml.safe_dump(settings))
     service = serve(config=config)
@@ -223,8 +236,10 @@ def test_a_verdict_is_attached_when_it_is_ready(serve, tmp_path):
     verdict = found["verification"]
     assert verdict["state"] == "done", verdict["message"]
     assert len(verdict["designs"]) == 1 and len(verdict["verifications"]) == 3
-    sys.stdout.write(f"\nverdict after {verdict['elapsed_s']:.0f} s, peak memory {peak:.0f} MiB: "
-                     f"{verdict['designs'][0]['verdict']}\n")
+    sys.stdout.write(
+        f"\nverdict after {verdict['elapsed_s']:.0f} s, peak memory {peak:.0f} MiB: "
+        f"{verdict['designs'][0]['verdict']}\n"
+    )
     kinds = {f["kind"] for f in found["files"] if f["verified"] == 1}
     assert kinds == {"json", "csv", "gds", "dxf"}
     _, record = service.call("GET", f"{accepted['url']}/files/json?verified=1")
@@ -232,17 +247,34 @@ def test_a_verdict_is_attached_when_it_is_ready(serve, tmp_path):
     assert not list((tmp_path / "outcomes").iterdir())
 
 
-@pytest.mark.skipif(shutil.which("schemathesis") is None
-                    and not (Path(sys.executable).parent / "schemathesis").exists(),
-                    reason="schemathesis is not installed")
+@pytest.mark.skipif(
+    shutil.which("schemathesis") is None
+    and not (Path(sys.executable).parent / "schemathesis").exists(),
+    reason="schemathesis is not installed",
+)
 def test_fuzzing_meets_no_server_error(serve):
     service = serve(queue_max=1000, campaigns_max=20, search_s_max=5, optimize_wait_s=1)
     command = shutil.which("schemathesis") or str(Path(sys.executable).parent / "schemathesis")
     examples = os.environ.get("DLDSIM_WEB_TEST_EXAMPLES", "40")
     done = subprocess.run(
-        [command, "run", f"{service.base}/openapi.json", "--checks", "not_a_server_error",
-         "--max-examples", examples, "--request-timeout", "120", "--mode", "all",
-         "--generation-database", "none"], capture_output=True, text=True)
+        [
+            command,
+            "run",
+            f"{service.base}/openapi.json",
+            "--checks",
+            "not_a_server_error",
+            "--max-examples",
+            examples,
+            "--request-timeout",
+            "120",
+            "--mode",
+            "all",
+            "--generation-database",
+            "none",
+        ],
+        capture_output=True,
+        text=True,
+    )
     sys.stdout.write(done.stdout[-3000:])
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
     assert service.process.poll() is None

@@ -27,30 +27,38 @@ from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.design import finished_campaign
 from dldsim.tables.parquet import read_table, write_csv, write_table
 from dldsim.tables.registry import COLUMNS
-from tests.app.test_design_jobs import (
-    campaign,  # noqa: F401
-    filled,
-)
+from tests.app.conftest import filled
 
-ASK = {"stiffness_set_1": "1", "stiffness_set_2": "3", "trials": 20, "startup_trials": 10,
-       "candidates": 2}
+ASK = {
+    "stiffness_set_1": "1",
+    "stiffness_set_2": "3",
+    "trials": 20,
+    "startup_trials": 10,
+    "candidates": 2,
+}
 PLACE = {"pillar_radius_um": 7.0, "gap_um": 16.0, "periodicity": 6, "deformation_index": 0.6}
 LIMIT_S = 240
 
 
 @pytest.fixture(scope="module")
-def client(campaign, tmp_path_factory):  # noqa: F811
-    settings = Settings(results=campaign, state=tmp_path_factory.mktemp("state"), trials_max=100,
-                        body_max_bytes=20_000, upload_rows_max=5000)
+def client(campaign, tmp_path_factory):
+    settings = Settings(
+        results=campaign,
+        state=tmp_path_factory.mktemp("state"),
+        trials_max=100,
+        body_max_bytes=20_000,
+        upload_rows_max=5000,
+    )
     with TestClient(make_app(settings), raise_server_exceptions=False) as found:
         yield found
 
 
 @pytest.fixture(scope="module")
-def idle(campaign, tmp_path_factory):  # noqa: F811
+def idle(campaign, tmp_path_factory):
     """A service whose processes are never started: everything waits."""
-    settings = Settings(results=campaign, state=tmp_path_factory.mktemp("idle"), queue_max=2,
-                        verify_workers=0)
+    settings = Settings(
+        results=campaign, state=tmp_path_factory.mktemp("idle"), queue_max=2, verify_workers=0
+    )
     app = make_app(settings)
     app.state.service.pool.problems = list
     return TestClient(app, raise_server_exceptions=False)
@@ -107,7 +115,7 @@ def test_a_design_is_answered_in_full(designed):
     models.DesignStatus.model_validate(designed)
 
 
-def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):  # noqa: F811
+def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):
     options = [f"--{k.replace('_', '-')}".replace("stiffness-set-", "set") for k in ASK]
     argv = [x for pair in zip(options, map(str, ASK.values()), strict=True) for x in pair]
     # the service's configuration, with the moduli that the made-up campaign has
@@ -116,16 +124,32 @@ def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):  
     config["stiffness_sets"] |= known.settings["stiffness_sets"]
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     done = subprocess.run(  # a process of its own, whose hashes differ
-        [sys.executable, "-m", "dldsim", "design", *argv, "--results", campaign, "--output",
-         tmp_path], capture_output=True, text=True, cwd=tmp_path)
+        [
+            sys.executable,
+            "-m",
+            "dldsim",
+            "design",
+            *argv,
+            "--results",
+            campaign,
+            "--output",
+            tmp_path,
+        ],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     assert len(designed["files"]) == 1 + 4 * 2
     for file in designed["files"]:
         answer = client.get(file["url"])
         assert answer.status_code == 200 and len(answer.content) == file["bytes"]
         assert f'filename="{file["name"]}"' in answer.headers["content-disposition"]
-        local = (tmp_path / "report.html" if file["kind"] == "report"
-                 else tmp_path / "files" / file["name"])
+        local = (
+            tmp_path / "report.html"
+            if file["kind"] == "report"
+            else tmp_path / "files" / file["name"]
+        )
         same = timeless(file["name"], answer.content) == timeless(local.name, local.read_bytes())
         assert same, file["name"]
     url = f"{PREFIX}/designs/{designed['id']}/files"
@@ -147,8 +171,9 @@ def test_optimize_waits_for_the_best(client):
     answer = client.post(f"{PREFIX}/optimize", json=ASK | {"objective": "separation"})
     assert answer.status_code == 200, answer.text
     found = answer.json()
-    assert found["separation_deg"] == pytest.approx(abs(found["angle_1_deg"]
-                                                        - found["angle_2_deg"]))
+    assert found["separation_deg"] == pytest.approx(
+        abs(found["angle_1_deg"] - found["angle_2_deg"])
+    )
     assert len(found["convergence"]) == 20 and len(found["importance"]) == 3
     status = client.get(found["url"]).json()
     assert status["result"]["designs"][0]["gap_um"] == found["gap_um"] and status["files"] == []
@@ -180,14 +205,20 @@ def test_a_failing_job_says_why_and_the_service_stays_up(client):
         ({"colour": "red"}, "colour", ["no such field", "gap_um"]),
         ({"deformation_index_1": 0.6}, "", ["exactly one of deformation_index_1"]),
         ({"campaign": "1"}, "campaign", ["text like"]),
-        ({"sampler": "grid", "grid_steps": 33, "draws": 512, "periodicity": [2, 100]},
-         "grid_steps", ["values to compute", "up to 1500000"]),
+        (
+            {"sampler": "grid", "grid_steps": 33, "draws": 512, "periodicity": [2, 100]},
+            "grid_steps",
+            ["values to compute", "up to 1500000"],
+        ),
         ({"stiffness_set_1": "\ud800"}, "stiffness_set_1", []),
     ],
-)  # fmt: skip
+)
 def test_bad_fields_are_told(client, change, field, parts):
-    answer = client.post(f"{PREFIX}/designs", content=json.dumps(ASK | change),
-                         headers={"Content-Type": "application/json"})
+    answer = client.post(
+        f"{PREFIX}/designs",
+        content=json.dumps(ASK | change),
+        headers={"Content-Type": "application/json"},
+    )
     problem = answer.json()
     assert answer.status_code == 422 and models.Problem.model_validate(problem), problem
     assert any(f["field"].startswith(field) for f in problem["fields"]), problem
@@ -197,15 +228,24 @@ def test_bad_fields_are_told(client, change, field, parts):
 @pytest.mark.parametrize(
     ("change", "parts", "fields"),
     [
-        ({"stiffness_set_2": "1"}, ["both cell types", "no array separates equals"],
-         ["stiffness_set_1", "stiffness_set_2", "radius_1_um", "radius_2_um"]),
-        ({"gap_um": [5, 6]}, ["no geometry within the bounds is feasible", "gap_um"],
-         ["gap_um", "pillar_radius_um"]),
-        ({"stiffness_set_1": None, "deformation_index_1": 0.2}, ["0.2", "0.5 to 0.78"],
-         ["deformation_index_1"]),
+        (
+            {"stiffness_set_2": "1"},
+            ["both cell types", "no array separates equals"],
+            ["stiffness_set_1", "stiffness_set_2", "radius_1_um", "radius_2_um"],
+        ),
+        (
+            {"gap_um": [5, 6]},
+            ["no geometry within the bounds is feasible", "gap_um"],
+            ["gap_um", "pillar_radius_um"],
+        ),
+        (
+            {"stiffness_set_1": None, "deformation_index_1": 0.2},
+            ["0.2", "0.5 to 0.78"],
+            ["deformation_index_1"],
+        ),
         ({"stiffness_set_1": "9"}, ["no constriction group", "9"], ["stiffness_set_1"]),
     ],
-)  # fmt: skip
+)
 def test_what_physics_forbids_is_explained(client, change, parts, fields):
     answer = client.post(f"{PREFIX}/designs", json=ASK | change)
     problem = answer.json()
@@ -215,11 +255,13 @@ def test_what_physics_forbids_is_explained(client, change, parts, fields):
     assert problem["fields"][0]["value"] not in ("", "None")
 
 
-@pytest.mark.parametrize("body", [b"", b"{", b"[1]", b"nan", b"\xff\xfe", b"{\"trials\": NaN}",
-                                  b"[" * 5000, b"1" * 6000])
+@pytest.mark.parametrize(
+    "body", [b"", b"{", b"[1]", b"nan", b"\xff\xfe", b'{"trials": NaN}', b"[" * 5000, b"1" * 6000]
+)
 def test_what_is_no_request_is_refused(client, body):
-    answer = client.post(f"{PREFIX}/designs", content=body,
-                         headers={"Content-Type": "application/json"})
+    answer = client.post(
+        f"{PREFIX}/designs", content=body, headers={"Content-Type": "application/json"}
+    )
     assert answer.status_code in (400, 422) and models.Problem.model_validate(answer.json())
 
 
@@ -233,12 +275,14 @@ def test_large_bodies_are_refused(client):
 
 def test_a_prediction_carries_its_interval(client):
     found = client.post(f"{PREFIX}/predict", json=PLACE).json()
-    assert found["low_deg"] <= found["angle_deg"] <= found["high_deg"] <= 1.5 * found[
-        "bump_angle_deg"]
+    assert (
+        found["low_deg"] <= found["angle_deg"] <= found["high_deg"] <= 1.5 * found["bump_angle_deg"]
+    )
     assert found["inside_domain"] and found["mode"] in ("bump", "mixed", "zigzag")
     far = client.post(f"{PREFIX}/predict", json=PLACE | {"gap_um": 150}).json()
-    assert not far["inside_domain"] and any("outside what was simulated" in w
-                                            for w in far["warnings"])
+    assert not far["inside_domain"] and any(
+        "outside what was simulated" in w for w in far["warnings"]
+    )
     assert far["high_deg"] - far["low_deg"] > found["high_deg"] - found["low_deg"]
 
 
@@ -262,12 +306,19 @@ def test_the_model_tells_domain_and_ranges(client):
     ranges = {f["name"]: f for f in found["fields"]}
     assert set(DesignRequest.model_fields) < set(ranges)
     assert ranges["radius_1_um"] | {"description": ""} == {
-        "name": "radius_1_um", "minimum": 0.1, "exclusive_minimum": False, "maximum": 50,
-        "default": 7.5, "unit": "µm", "description": "", "choices": None}
+        "name": "radius_1_um",
+        "minimum": 0.1,
+        "exclusive_minimum": False,
+        "maximum": 50,
+        "default": 7.5,
+        "unit": "µm",
+        "description": "",
+        "choices": None,
+    }
     assert found["limits"]["trials_max"] == 100 and found["domain"]["arrays"]
 
 
-def test_tables_come_with_units(client, campaign):  # noqa: F811
+def test_tables_come_with_units(client, campaign):
     for kind in ("outcomes", "calibration"):
         table = client.get(f"{PREFIX}/campaign/{kind}").json()
         assert len(table["rows"]) == len(read_table(kind, campaign / f"{kind}.parquet"))
@@ -275,19 +326,23 @@ def test_tables_come_with_units(client, campaign):  # noqa: F811
         assert {c["name"]: c["unit"] for c in table["columns"]}["ks_uN_per_m"] == "µN/m"
 
 
-def uploads(campaign, kinds, ending):  # noqa: F811
+def uploads(campaign, kinds, ending):
     if ending == "csv":
         for kind in kinds:
             write_csv(kind, campaign / f"{kind}.parquet")
-    return {kind: (f"../{kind}.{ending}", (campaign / f"{kind}.{ending}").read_bytes())
-            for kind in kinds}
+    return {
+        kind: (f"../{kind}.{ending}", (campaign / f"{kind}.{ending}").read_bytes())
+        for kind in kinds
+    }
 
 
-@pytest.mark.parametrize(("ending", "kinds"), [("csv", ("outcomes",)),
-                                               ("parquet", ("outcomes", "calibration", "flows"))])
-def test_a_campaign_can_be_brought(client, campaign, ending, kinds):  # noqa: F811
-    answer = client.post(f"{PREFIX}/campaigns", files=uploads(campaign, kinds, ending),
-                         data={"name": "mine"})
+@pytest.mark.parametrize(
+    ("ending", "kinds"), [("csv", ("outcomes",)), ("parquet", ("outcomes", "calibration", "flows"))]
+)
+def test_a_campaign_can_be_brought(client, campaign, ending, kinds):
+    answer = client.post(
+        f"{PREFIX}/campaigns", files=uploads(campaign, kinds, ending), data={"name": "mine"}
+    )
     assert answer.status_code == 202, answer.text
     early = client.post(f"{PREFIX}/predict", json=PLACE | {"campaign": answer.json()["id"]})
     assert early.status_code in (200, 409)
@@ -300,23 +355,29 @@ def test_a_campaign_can_be_brought(client, campaign, ending, kinds):  # noqa: F8
     # the same outcomes; the seed of the fit is another
     assert mine["provenance"]["outcomes_sha256"] == own["provenance"]["outcomes_sha256"]
     sets = client.post(f"{PREFIX}/optimize", json=ASK | {"campaign": found["id"]})
-    indices = {"deformation_index_1": 0.55, "deformation_index_2": 0.7, "trials": 15,
-               "campaign": found["id"]}
+    indices = {
+        "deformation_index_1": 0.55,
+        "deformation_index_2": 0.7,
+        "trials": 15,
+        "campaign": found["id"],
+    }
     if "calibration" in kinds:
         assert sets.status_code == 200
     else:
         assert sets.status_code == 422 and "calibration" in sets.json()["message"]
-        assert client.get(f"{PREFIX}/campaign/calibration?campaign={found['id']}"
-                          ).status_code == 409
+        assert (
+            client.get(f"{PREFIX}/campaign/calibration?campaign={found['id']}").status_code == 409
+        )
         refused = client.post(f"{PREFIX}/designs", json=indices | {"verify": True})
         assert "without a calibration" in refused.json()["message"]
         assert client.post(f"{PREFIX}/optimize", json=indices).status_code == 200
     assert client.delete(f"{PREFIX}/campaigns/{found['id']}").status_code == 204
-    assert client.post(f"{PREFIX}/predict", json=PLACE | {"campaign": found["id"]}
-                       ).status_code == 404
+    assert (
+        client.post(f"{PREFIX}/predict", json=PLACE | {"campaign": found["id"]}).status_code == 404
+    )
 
 
-def broken_tables(campaign, tmp_path):  # noqa: F811
+def broken_tables(campaign, tmp_path):
     """Uploads that must be refused, and what the answer names."""
     outcomes = read_table("outcomes", campaign / "outcomes.parquet")
     text = write_csv("outcomes", campaign / "outcomes.parquet").read_text().splitlines()
@@ -331,8 +392,10 @@ def broken_tables(campaign, tmp_path):  # noqa: F811
     stream = io.BytesIO()
     pq.write_table(old.replace_schema_metadata({b"dldsim": json.dumps(about)}), stream)
     return [
-        (b"", "is empty"), (pickle.dumps(outcomes), "neither"),
-        (raw[:400], "not a readable Parquet"), (b"PK\x03\x04" + raw, "Excel"),
+        (b"", "is empty"),
+        (pickle.dumps(outcomes), "neither"),
+        (raw[:400], "not a readable Parquet"),
+        (b"PK\x03\x04" + raw, "Excel"),
         ((text[0] + "\n").encode(), "no rows"),
         (b"a,b\n1,2\n", "missing outcome_id"),
         ("\n".join(line.partition(",")[2] for line in text).encode(), "missing outcome_id"),
@@ -344,13 +407,12 @@ def broken_tables(campaign, tmp_path):  # noqa: F811
         (table(outcomes.assign(deformation_index=7.0)), "0 to 1"),
         (table(outcomes.assign(status="measured")), "/measurements"),
         (table(outcomes.assign(numerics="{}")), "numerics"),
-        (table(outcomes.assign(height_um=[20.0, *[21.0] * (len(outcomes) - 1)])),
-         "height_um"),
+        (table(outcomes.assign(height_um=[20.0, *[21.0] * (len(outcomes) - 1)])), "height_um"),
         ("\n".join([text[0], *text[1:2] * 6000]).encode(), "at most 5000"),
     ]
 
 
-def test_bad_uploads_are_told(client, campaign, tmp_path):  # noqa: F811
+def test_bad_uploads_are_told(client, campaign, tmp_path):
     for content, part in broken_tables(campaign, tmp_path):
         answer = client.post(f"{PREFIX}/campaigns", files={"outcomes": ("x.parquet", content)})
         problem = answer.json()
@@ -359,8 +421,15 @@ def test_bad_uploads_are_told(client, campaign, tmp_path):  # noqa: F811
 
 
 def measured(**change):
-    return {"pillar_radius_um": 7.2, "gap_um": 15.5, "periodicity": 6, "deformation_index": 0.6,
-            "cell_radius_um": 7.5, "migration_angle_deg": 9.0, "error_deg": 0.4} | change
+    return {
+        "pillar_radius_um": 7.2,
+        "gap_um": 15.5,
+        "periodicity": 6,
+        "deformation_index": 0.6,
+        "cell_radius_um": 7.5,
+        "migration_angle_deg": 9.0,
+        "error_deg": 0.4,
+    } | change
 
 
 def test_measured_angles_are_learnt_from(client):
@@ -378,20 +447,23 @@ def test_measured_angles_are_learnt_from(client):
     new = client.post(f"{PREFIX}/predict", json=place).json()["angle_deg"]
     old = client.post(f"{PREFIX}/predict", json=place | {"campaign": None}).json()["angle_deg"]
     assert abs(new - 9.0) < abs(old - 9.0)
-    more = client.post(f"{PREFIX}/measurements",
-                       json={"measurements": many[:1], **flow, "campaign": found["id"]})
+    more = client.post(
+        f"{PREFIX}/measurements", json={"measurements": many[:1], **flow, "campaign": found["id"]}
+    )
     assert more.json()["rows"] == own["provenance"]["outcomes"] + 9
     rows = client.get(f"{PREFIX}/campaign/outcomes?campaign={found['id']}").json()["rows"]
     assert sum(r["status"] == "measured" for r in rows) == 8
     search = {**ASK, "campaign": found["id"], "candidates": 1}
     assert client.post(f"{PREFIX}/optimize", json=search).status_code == 200
-    for change, part in (({"height_um": 33}, "height_um = 33"),
-                         ({"measurements": [measured(migration_angle_deg=30)]}, "full bump")):
+    for change, part in (
+        ({"height_um": 33}, "height_um = 33"),
+        ({"measurements": [measured(migration_angle_deg=30)]}, "full bump"),
+    ):
         answer = client.post(f"{PREFIX}/measurements", json={"measurements": many, **flow} | change)
         assert answer.status_code == 422 and part.lower() in answer.json()["message"].lower()
 
 
-def test_missing_data_are_unhealthy(campaign, tmp_path):  # noqa: F811
+def test_missing_data_are_unhealthy(campaign, tmp_path):
     for folder in (tmp_path / "none", tmp_path / "some"):
         folder.mkdir()
     content = (campaign / "outcomes.parquet").read_bytes()
@@ -401,15 +473,16 @@ def test_missing_data_are_unhealthy(campaign, tmp_path):  # noqa: F811
         found = TestClient(app)
         health = found.get(f"{PREFIX}/health")
         assert health.status_code == 503 and "surrogate.json" in " ".join(health.json()["problems"])
-        for answer in (found.post(f"{PREFIX}/designs", json=ASK), found.get(f"{PREFIX}/model"),
-                       found.post(f"{PREFIX}/predict", json=PLACE)):
+        for answer in (
+            found.post(f"{PREFIX}/designs", json=ASK),
+            found.get(f"{PREFIX}/model"),
+            found.post(f"{PREFIX}/predict", json=PLACE),
+        ):
             assert answer.status_code == 503 and "Retry-After" in answer.headers
             assert answer.json()["error"] == "unhealthy"
 
 
-def test_packaged_data_of_another_physics_version_give_no_answer(
-    campaign, tmp_path, monkeypatch  # noqa: F811
-):
+def test_packaged_data_of_another_physics_version_give_no_answer(campaign, tmp_path, monkeypatch):
     monkeypatch.setattr("dldsim.design.finished_campaign.CAMPAIGN_DATA", campaign)
     monkeypatch.setattr("dldsim.design.finished_campaign.PHYSICS_VERSION", PHYSICS_VERSION + 1)
     found = TestClient(make_app(Settings(state=tmp_path)))
@@ -420,7 +493,7 @@ def test_packaged_data_of_another_physics_version_give_no_answer(
     assert answer.status_code == 503 and words in answer.json()["message"]
 
 
-def test_a_broken_pool_is_unhealthy(campaign, tmp_path):  # noqa: F811
+def test_a_broken_pool_is_unhealthy(campaign, tmp_path):
     found = TestClient(make_app(Settings(results=campaign, state=tmp_path)))
     health = found.get(f"{PREFIX}/health")  # its processes were never started
     assert health.status_code == 503 and "pool" in health.json()["problems"][0]
@@ -445,27 +518,41 @@ def test_a_full_queue_says_when_to_come_back(idle):
 
 
 def test_unknown_ids_and_paths_are_not_found(idle):
-    for path in (f"designs/{uuid.uuid4()}", f"campaigns/{uuid.uuid4()}",
-                 f"designs/{uuid.uuid4()}/files/gds", "nothing", "designs/..%2f..%2fetc%2fpasswd"):
+    for path in (
+        f"designs/{uuid.uuid4()}",
+        f"campaigns/{uuid.uuid4()}",
+        f"designs/{uuid.uuid4()}/files/gds",
+        "nothing",
+        "designs/..%2f..%2fetc%2fpasswd",
+    ):
         answer = idle.get(f"{PREFIX}/{path}")
         assert answer.status_code in (404, 422) and answer.json()["error"] in (
-            "not-found", "invalid")
+            "not-found",
+            "invalid",
+        )
     assert idle.put(f"{PREFIX}/designs").status_code == 405
 
 
-def test_other_pages_are_kept_out(idle, campaign, tmp_path):  # noqa: F811
+def test_other_pages_are_kept_out(idle, campaign, tmp_path):
     head = {"Origin": "https://elsewhere.example"}
     assert "access-control-allow-origin" not in idle.get(f"{PREFIX}/health", headers=head).headers
-    opened = TestClient(make_app(Settings(results=campaign, state=tmp_path,
-                                          cors_origins=("https://elsewhere.example",))))
+    opened = TestClient(
+        make_app(
+            Settings(results=campaign, state=tmp_path, cors_origins=("https://elsewhere.example",))
+        )
+    )
     answer = opened.get(f"{PREFIX}/health", headers=head)
     assert answer.headers["access-control-allow-origin"] == "https://elsewhere.example"
 
 
-def test_behind_a_prefix_documents_and_addresses_know_it(campaign, tmp_path):  # noqa: F811
+def test_behind_a_prefix_documents_and_addresses_know_it(campaign, tmp_path):
     for strips in (True, False):  # proxies do either
-        settings = Settings(results=campaign, state=tmp_path / str(strips), body_max_bytes=1024,
-                            root_path="/lab/dldsim/")
+        settings = Settings(
+            results=campaign,
+            state=tmp_path / str(strips),
+            body_max_bytes=1024,
+            root_path="/lab/dldsim/",
+        )
         app = make_app(settings)
         app.state.service.pool.problems = list
         outside = TestClient(app, raise_server_exceptions=False)
@@ -488,14 +575,20 @@ def test_an_upload_may_be_large_whatever_its_address_ends_with(client, path):
     assert answer.status_code == 422 and "missing outcome_id" in answer.json()["message"]
 
 
-@pytest.mark.parametrize(("path", "given", "wanted"), [
-    ("/predict", None, "application/json"), ("/predict", "text/plain", "application/json"),
-    ("/designs", "application/x-www-form-urlencoded", "application/json"),
-    ("/campaigns", None, "multipart/form-data"), ("/campaigns", "text/csv", "multipart/form-data"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("path", "given", "wanted"),
+    [
+        ("/predict", None, "application/json"),
+        ("/predict", "text/plain", "application/json"),
+        ("/designs", "application/x-www-form-urlencoded", "application/json"),
+        ("/campaigns", None, "multipart/form-data"),
+        ("/campaigns", "text/csv", "multipart/form-data"),
+    ],
+)
 def test_a_body_must_say_what_it_is(client, path, given, wanted):
-    answer = client.post(PREFIX + path, content=json.dumps(PLACE),
-                         headers={"Content-Type": given} if given else {})
+    answer = client.post(
+        PREFIX + path, content=json.dumps(PLACE), headers={"Content-Type": given} if given else {}
+    )
     problem = answer.json()
     assert answer.status_code == 422 and problem["fields"][0]["field"] == "Content-Type"
     shown = repr(given) if given else "missing"
@@ -504,8 +597,11 @@ def test_a_body_must_say_what_it_is(client, path, given, wanted):
 
 def test_answers_say_what_they_hold_for(client, designed):
     words = "biconcave discs of the radii named, channel height 20 µm, mean "
-    for about in (designed["provenance"], client.post(f"{PREFIX}/predict", json=PLACE).json()[
-            "provenance"], client.get(f"{PREFIX}/model").json()["provenance"]):
+    for about in (
+        designed["provenance"],
+        client.post(f"{PREFIX}/predict", json=PLACE).json()["provenance"],
+        client.get(f"{PREFIX}/model").json()["provenance"],
+    ):
         assert words in about["holds_for"] and "0.5 mm/s" in about["holds_for"]
 
 
@@ -516,8 +612,13 @@ def test_nothing_accepted_is_lost_with_its_process(tmp_path):
     limits = {SEARCH: 5, VERIFICATION: 5}
     store = Store(tmp_path)
     spec = {"trials": 1}
-    store.add([("a", "design", SEARCH, "queued", spec),
-               ("a", "verification", VERIFICATION, "waiting", spec)], limits)
+    store.add(
+        [
+            ("a", "design", SEARCH, "queued", spec),
+            ("a", "verification", VERIFICATION, "waiting", spec),
+        ],
+        limits,
+    )
     job = store.claim(SEARCH, "one")
     assert job.id == "a" and store.claim(SEARCH, "two") is None
     store = Store(tmp_path)  # as after a restart

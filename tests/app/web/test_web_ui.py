@@ -36,8 +36,17 @@ def opened(**query) -> AppTest:
 
 
 def texts(page: AppTest) -> str:
-    kinds = ("title", "header", "subheader", "markdown", "caption", "error", "warning", "info",
-             "success")
+    kinds = (
+        "title",
+        "header",
+        "subheader",
+        "markdown",
+        "caption",
+        "error",
+        "warning",
+        "info",
+        "success",
+    )
     return "\n".join(e.value for kind in kinds for e in getattr(page, kind))
 
 
@@ -62,8 +71,7 @@ def sent(service: Fake, method: str, path: str) -> list:
 def test_the_page_asks_and_never_computes(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     found = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    found |= {a.name for node in ast.walk(tree) if isinstance(node, ast.Import)
-              for a in node.names}
+    found |= {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
     own = {name for name in found if name.startswith("dldsim")}
     assert all(n.startswith("dldsim.app.web.ui") or n == "dldsim.app.web.api" for n in own)
 
@@ -97,9 +105,17 @@ def test_search_shows_its_course_then_the_dashboard(service):
     service.finish()
     page = sound(page.run())
     shown = texts(page)
-    for words in ("Ranked candidates", "Downloads", "Importance for the objective", "made\\-up",
-                  "Parallel coordinates", "Predicted difference", "Verification by simulation",
-                  "Search 2.0 s of 3.1 s", "The best candidate is extrapolated"):
+    for words in (
+        "Ranked candidates",
+        "Downloads",
+        "Importance for the objective",
+        "made\\-up",
+        "Parallel coordinates",
+        "Predicted difference",
+        "Verification by simulation",
+        "Search 2.0 s of 3.1 s",
+        "The best candidate is extrapolated",
+    ):
         assert words in shown
     assert "extrapolated: it lies outside" in shown  # the candidate that is looked at
 
@@ -157,8 +173,14 @@ def test_cancelled_and_failed_searches_say_so(service):
 
 
 def test_design_in_the_address_brings_request_and_result_back(service):
-    spec = models.DesignSpec(stiffness_set_1="1", deformation_index_2=0.7, radius_2_um=9.0,
-                             gap_um=(13, 19), trials=30, objective="separation")
+    spec = models.DesignSpec(
+        stiffness_set_1="1",
+        deformation_index_2=0.7,
+        radius_2_um=9.0,
+        gap_um=(13, 19),
+        trials=30,
+        objective="separation",
+    )
     service.designs[ID] = service.status(ID, spec, "done")
     page = sound(opened(design=ID))
     assert "Ranked candidates" in texts(page)
@@ -170,21 +192,42 @@ def test_design_in_the_address_brings_request_and_result_back(service):
     assert again == spec
 
 
-@pytest.mark.parametrize(("verdict", "words"), [
-    (models.Verdict(state="running", message="step 12 of 40", elapsed_s=90.0),
-     "Simulating (1.5 min): step 12 of 40"),
-    (models.Verdict(state="failed", message="no moduli"), "The simulation failed"),
-    (models.Verdict(state="cancelled"), "The simulation was cancelled"),
-    (models.Verdict(state="done", designs=[web_page_fake.row(
-        "verified_designs", rank=1, separates=True, verdict="separates as predicted")],
-        verifications=[web_page_fake.row("verifications", population="difference", role="design",
-                                         agrees=True, simulated_deg=2.0)]),
-     "separates as predicted"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        (
+            models.Verdict(state="running", message="step 12 of 40", elapsed_s=90.0),
+            "Simulating (1.5 min): step 12 of 40",
+        ),
+        (models.Verdict(state="failed", message="no moduli"), "The simulation failed"),
+        (models.Verdict(state="cancelled"), "The simulation was cancelled"),
+        (
+            models.Verdict(
+                state="done",
+                designs=[
+                    web_page_fake.row(
+                        "verified_designs", rank=1, separates=True, verdict="separates as predicted"
+                    )
+                ],
+                verifications=[
+                    web_page_fake.row(
+                        "verifications",
+                        population="difference",
+                        role="design",
+                        agrees=True,
+                        simulated_deg=2.0,
+                    )
+                ],
+            ),
+            "separates as predicted",
+        ),
+    ],
+)
 def test_verdict_of_the_simulation_is_attached(service, verdict, words):
     spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH, verify=True)
     service.designs[ID] = service.status(ID, spec, "done").model_copy(
-        update={"verification": verdict})
+        update={"verification": verdict}
+    )
     page = sound(opened(design=ID))
     assert words in texts(page).replace("\\", "")
 
@@ -218,15 +261,28 @@ def problem(kind: str, message: str, field: str = "", **more) -> models.Problem:
     return models.Problem(error=kind, message=message, fields=fields, **more)
 
 
-@pytest.mark.parametrize(("status", "found", "words"), [
-    (422, problem("infeasible", "deformation_index_2 = 0.9 is outside, 0.68 to 0.74",
-                  "deformation_index_2"), "This request cannot be met"),
-    (422, problem("invalid", "gap_um = (5, 4): lowest bound first", "gap_um.0"),
-     "The request was refused"),
-    (429, problem("busy", "The queue is full.", retry_after_s=7), "Try again in 7 s"),
-    (503, problem("unhealthy", "no worker"), "cannot answer now"),
-    (500, problem("defect", "The service failed at this request"), "This did not work"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("status", "found", "words"),
+    [
+        (
+            422,
+            problem(
+                "infeasible",
+                "deformation_index_2 = 0.9 is outside, 0.68 to 0.74",
+                "deformation_index_2",
+            ),
+            "This request cannot be met",
+        ),
+        (
+            422,
+            problem("invalid", "gap_um = (5, 4): lowest bound first", "gap_um.0"),
+            "The request was refused",
+        ),
+        (429, problem("busy", "The queue is full.", retry_after_s=7), "Try again in 7 s"),
+        (503, problem("unhealthy", "no worker"), "cannot answer now"),
+        (500, problem("defect", "The service failed at this request"), "This did not work"),
+    ],
+)
 def test_refused_request_is_shown_in_place_and_the_form_stays(service, status, found, words):
     service.refuse["POST /designs"] = status, found
     page = opened()
@@ -262,8 +318,12 @@ def test_service_that_goes_away_during_a_search_is_asked_again(service):
 
 
 def test_answer_of_another_program_is_told_from_a_refusal(monkeypatch):
-    other = httpx.Client(base_url="http://api", transport=httpx.MockTransport(
-        lambda r: httpx.Response(404, text="<html>no such page</html>")))
+    other = httpx.Client(
+        base_url="http://api",
+        transport=httpx.MockTransport(
+            lambda r: httpx.Response(404, text="<html>no such page</html>")
+        ),
+    )
     monkeypatch.setattr(client, "connect", lambda base: other)
     with pytest.raises(client.ApiError, match="something else at that address"):
         client.model(None)
@@ -288,20 +348,27 @@ def test_campaign_page_shows_angles_calibration_and_a_prediction(service):
 
 
 def run_page(name: str) -> AppTest:
-    return AppTest.from_string(f"from dldsim.app.web.ui import {name}\n{name}.page()",
-                               default_timeout=60).run()
+    return AppTest.from_string(
+        f"from dldsim.app.web.ui import {name}\n{name}.page()", default_timeout=60
+    ).run()
 
 
 def test_refused_inversion_is_shown_below_its_fields(service):
-    service.refuse["POST /stiffness"] = 422, problem(
-        "infeasible", "deformation_index = 0.9: calibrated 0.68 to 0.74", "deformation_index")
+    service.refuse["POST /stiffness"] = (
+        422,
+        problem(
+            "infeasible", "deformation_index = 0.9: calibrated 0.68 to 0.74", "deformation_index"
+        ),
+    )
     shown = texts(sound(run_page("campaign_page")))
     assert shown.count("calibrated 0\\.68 to 0\\.74") == 1
 
 
 def test_measurements_are_refused_in_place(service):
-    service.refuse["POST /measurements"] = 422, problem(
-        "invalid", "measurements: at least 1 of", "measurements")
+    service.refuse["POST /measurements"] = (
+        422,
+        problem("invalid", "measurements: at least 1 of", "measurements"),
+    )
     page = run_page("measurements_page")
     button(page, "Fit with these angles").click().run()
     assert texts(sound(page)).count("measurements\\: at least 1 of") >= 1
@@ -309,8 +376,10 @@ def test_measurements_are_refused_in_place(service):
 
 def test_campaign_that_is_ready_can_be_used_and_deleted(service):
     found = json.loads(service._campaign("my *own*", "uploaded", 5).text)
-    page = AppTest.from_string("from dldsim.app.web.ui import measurements_page\n"
-                               "measurements_page.page()", default_timeout=60)
+    page = AppTest.from_string(
+        "from dldsim.app.web.ui import measurements_page\nmeasurements_page.page()",
+        default_timeout=60,
+    )
     page.session_state["campaigns_made"] = {found["id"]: found["name"]}
     page = sound(page.run())
     assert "my \\*own\\*" in texts(page) and "is ready" in texts(page)
@@ -332,7 +401,8 @@ def test_hull_holds_all_points():
 
 def test_array_is_drawn_to_scale_with_rows_shifted():
     design = {"pillar_radius_um": 5.0, "gap_um": 10.0, "periodicity": 4, "mode_1": "bump"} | {
-        f"angle_1_{s}deg": 14.036 for s in ("", "low_", "high_")}
+        f"angle_1_{s}deg": 14.036 for s in ("", "low_", "high_")
+    }
     figure = charts.array(design, [7.5])
     pillars = [s for s in figure.layout.shapes if s.fillcolor == charts.PILLAR]
     assert all(abs(s.x1 - s.x0 - 10) < 1e-9 for s in pillars)
@@ -361,11 +431,23 @@ def test_parallel_lines_cover_every_feasible_trial():
     assert lines == sum(t["feasible"] for t in trials)
 
 
-@pytest.mark.parametrize(("low", "high", "open_", "words"), [
-    (0.0, 50.0, True, "above 0 to 50 µm"), (2.0, 100.0, False, "2 to 100 µm"),
-    (0.0, None, False, "from 0 µm"), (None, None, False, "any"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("low", "high", "open_", "words"),
+    [
+        (0.0, 50.0, True, "above 0 to 50 µm"),
+        (2.0, 100.0, False, "2 to 100 µm"),
+        (0.0, None, False, "from 0 µm"),
+        (None, None, False, "any"),
+    ],
+)
 def test_allowed_range_in_words(low, high, open_, words):
-    limit = models.FieldLimit(name="x", minimum=low, exclusive_minimum=open_, maximum=high,
-                              default=None, unit="µm", description="")
+    limit = models.FieldLimit(
+        name="x",
+        minimum=low,
+        exclusive_minimum=open_,
+        maximum=high,
+        default=None,
+        unit="µm",
+        description="",
+    )
     assert allowed(limit) == words

@@ -24,8 +24,15 @@ playwright = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.service
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-         "--disable-background-networking", "--disable-component-update", "--disable-sync"]
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
 WAIT_S = float(os.environ.get("DLDSIM_WEB_TEST_LIMIT_S", 300))
 SHOTS = os.environ.get("DLDSIM_WEB_TEST_SHOTS")
 WIDTH, HEIGHT = 1400, 1000
@@ -49,9 +56,13 @@ class Part:
         self.start()
 
     def start(self) -> None:
-        self.process = subprocess.Popen(self.argv, stdout=self.log.open("a"),
-                                        stderr=subprocess.STDOUT, env=self.environment,
-                                        start_new_session=True)
+        self.process = subprocess.Popen(
+            self.argv,
+            stdout=self.log.open("a"),
+            stderr=subprocess.STDOUT,
+            env=self.environment,
+            start_new_session=True,
+        )
 
     def wait(self, path: str) -> None:
         end = time.monotonic() + WAIT_S
@@ -77,8 +88,15 @@ def service(tmp_path_factory):
     port = free_port()
     results = os.environ.get("DLDSIM_WEB_TEST_RESULTS")
     options = ["--results", results] if results else []
-    api = Part("api", folder / "api.log", port, "--state", str(folder / "state"), *options,
-               DLDSIM_WEB_QUEUE_MAX="2")
+    api = Part(
+        "api",
+        folder / "api.log",
+        port,
+        "--state",
+        str(folder / "state"),
+        *options,
+        DLDSIM_WEB_QUEUE_MAX="2",
+    )
     page = Part("ui", folder / "page.log", free_port(), "--api", api.base)
     try:
         api.wait("/api/v1/health")
@@ -94,8 +112,13 @@ def browser(tmp_path_factory):
     assert CHROMIUM, "chromium is not installed: sh tests/app/web/ui_browser.sh"
     with playwright.sync_playwright() as driver:
         found = driver.chromium.launch_persistent_context(
-            tmp_path_factory.mktemp("profile"), executable_path=CHROMIUM, headless=True,
-            args=FLAGS, viewport={"width": WIDTH, "height": HEIGHT}, accept_downloads=True)
+            tmp_path_factory.mktemp("profile"),
+            executable_path=CHROMIUM,
+            headless=True,
+            args=FLAGS,
+            viewport={"width": WIDTH, "height": HEIGHT},
+            accept_downloads=True,
+        )
         found.set_default_timeout(WAIT_S * 1e3)
         yield found
         found.close()
@@ -106,8 +129,12 @@ def tab(browser, service, request):
     """A fresh session of the page, which must ask nobody but this machine."""
     found = browser.new_page()
     outside = []
-    found.on("request", lambda r: outside.append(r.url) if r.url.startswith("http")
-             and "127.0.0.1" not in r.url else None)
+    found.on(
+        "request",
+        lambda r: (
+            outside.append(r.url) if r.url.startswith("http") and "127.0.0.1" not in r.url else None
+        ),
+    )
     yield found
     if SHOTS is not None:
         found.screenshot(path=Path(SHOTS) / f"last-{request.node.name}.png")
@@ -152,8 +179,7 @@ def shoot(tab, name: str) -> None:
 
 
 def asked(service, identifier: str, method: str = "GET", path: str = "/designs/") -> dict:
-    request = urllib.request.Request(service[0].base + "/api/v1" + path + identifier,
-                                     method=method)
+    request = urllib.request.Request(service[0].base + "/api/v1" + path + identifier, method=method)
     with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
         return json.load(answer)
 
@@ -172,18 +198,30 @@ def test_request_course_dashboard_and_downloads(tab, service):
     shoot(tab, "dashboard")
     identifier = tab.url.split("design=")[1].split("&")[0]
     status = asked(service, identifier)
-    for text in ("Importance for the objective", "Parallel coordinates", "Tolerances",
-                 "Array to scale", "The request in the training domain", "Provenance",
-                 status["result"]["importance"][0]["evaluator"]):
+    for text in (
+        "Importance for the objective",
+        "Parallel coordinates",
+        "Tolerances",
+        "Array to scale",
+        "The request in the training domain",
+        "Provenance",
+        status["result"]["importance"][0]["evaluator"],
+    ):
         assert tab.get_by_text(text).first.count(), text
     assert not tab.get_by_text("WebGL").count()
     files = {f["name"]: f for f in status["files"] if f["candidate"] in (1, None)}
     assert {f["kind"] for f in files.values()} == {"json", "csv", "gds", "dxf", "report"}
-    for kind, label in (("json", "JSON"), ("csv", "CSV"), ("gds", "GDSII"),
-                        ("dxf", "DXF"), ("report", "Report (HTML)")):
+    for kind, label in (
+        ("json", "JSON"),
+        ("csv", "CSV"),
+        ("gds", "GDSII"),
+        ("dxf", "DXF"),
+        ("report", "Report (HTML)"),
+    ):
         with tab.expect_download() as waiting:  # tables have a download of their own
             tab.locator('[data-testid="stDownloadButton"] button').filter(
-                has_text=label).first.click()
+                has_text=label
+            ).first.click()
         given = waiting.value
         content = Path(given.path()).read_bytes()
         assert files[given.suggested_filename]["kind"] == kind
@@ -201,17 +239,21 @@ def test_address_brings_a_design_back(tab, service):
     opened(tab, service, "?" + address.split("?")[1])
     tab.get_by_text("The search was cancelled").wait_for()
     tab.get_by_text("Request", exact=True).first.click()
-    assert float(tab.get_by_label("Cell radius R").and_(tab.locator("input")).nth(1)
-                 .input_value()) == 7.1
+    assert (
+        float(tab.get_by_label("Cell radius R").and_(tab.locator("input")).nth(1).input_value())
+        == 7.1
+    )
 
 
 REFUSED = {
-    "equal": ([("Deformation index", "INSIDE", 0), ("Deformation index", "INSIDE", 1)],
-              "no array separates equals"),
+    "equal": (
+        [("Deformation index", "INSIDE", 0), ("Deformation index", "INSIDE", 1)],
+        "no array separates equals",
+    ),
     "outside": ([("Deformation index", "0.95", 1)], "outside the training data"),
     "bounds": ([("lowest", "30", 1)], "lowest bound first"),
     "infeasible": ([("lowest", "3", 1), ("highest", "4", 1)], "no geometry within the bounds"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -266,8 +308,12 @@ def test_uploaded_campaign_is_used_and_deleted(tab, service, tmp_path):
     table = asked(service, "outcomes", path="/campaign/")
     names = [c["name"] for c in table["columns"]]
     good, bad = tmp_path / "outcomes.csv", tmp_path / "bad.csv"
-    good.write_text("\n".join([",".join(names), *(
-        ",".join(_cell(row[n]) for n in names) for row in table["rows"])]), encoding="utf-8")
+    good.write_text(
+        "\n".join(
+            [",".join(names), *(",".join(_cell(row[n]) for n in names) for row in table["rows"])]
+        ),
+        encoding="utf-8",
+    )
     bad.write_bytes(b"\x80\x04\x95 not a table")
     opened(tab, service)
     tab.get_by_role("link", name="Measurements").click()

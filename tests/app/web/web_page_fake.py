@@ -17,13 +17,26 @@ ID = "11111111-2222-3333-4444-555555555555"
 PREFIX = "/api/v1"
 LOW, HIGH = 0.68, 0.74
 ABOUT = models.Provenance(
-    dldsim_version="0", physics_version=0, campaign=None, campaign_name="a *made up* campaign",
-    origin="tracked", outcomes=27, used=26,
+    dldsim_version="0",
+    physics_version=0,
+    campaign=None,
+    campaign_name="a *made up* campaign",
+    origin="tracked",
+    outcomes=27,
+    used=26,
     holds_for="biconcave discs of the radii named, channel height 20 µm",
-    geometries=27, outcomes_sha256="a" * 64, model_sha256="b" * 64,
-    fitted_by={"xgboost": "3"}, scores_by_geometry={
-        "rmse_deg": 1.0, "median_absolute_error_deg": 0.2, "r2": 0.9, "predictions": 26},
-    warnings=["1 run had not settled"])  # fmt: skip
+    geometries=27,
+    outcomes_sha256="a" * 64,
+    model_sha256="b" * 64,
+    fitted_by={"xgboost": "3"},
+    scores_by_geometry={
+        "rmse_deg": 1.0,
+        "median_absolute_error_deg": 0.2,
+        "r2": 0.9,
+        "predictions": 26,
+    },
+    warnings=["1 run had not settled"],
+)
 ARRAYS = [[r, g, n] for r in (5.0, 7.0, 9.0) for g in (12.0, 16.0, 20.0) for n in (4, 8, 12)]
 
 
@@ -37,8 +50,18 @@ def row(kind: str, **given):
     found = {}
     for name, field in models.row_model(kind).model_fields.items():
         text = str(field.annotation)
-        found[name] = given.get(name, None if "None" in text else "x" if "str" in text else
-                                True if "bool" in text else [] if "list" in text else 1)
+        found[name] = given.get(
+            name,
+            None
+            if "None" in text
+            else "x"
+            if "str" in text
+            else True
+            if "bool" in text
+            else []
+            if "list" in text
+            else 1,
+        )
     return models.row_model(kind)(**found)
 
 
@@ -46,45 +69,113 @@ def result(spec: models.DesignSpec) -> models.DesignResult:
     index = [spec.deformation_index_1 or LOW, spec.deformation_index_2 or HIGH]
     trials, best, course = [], None, []
     for t in range(spec.trials):
-        at = {"pillar_radius_um": 4 + t * 0.71 % 6, "gap_um": 12 + t * 1.37 % 9,
-              "periodicity": 4 + t % 7}
+        at = {
+            "pillar_radius_um": 4 + t * 0.71 % 6,
+            "gap_um": 12 + t * 1.37 % 9,
+            "periodicity": 4 + t % 7,
+        }
         one, two = (angle(*at.values(), i) for i in index)
         good = at["gap_um"] > at["pillar_radius_um"] + 2
         value = abs(two - one) - 0.3 if good else None
         best = max(v for v in (best, value, -9.0) if v is not None)
         course.append(best)
-        trials.append(row("design_trials", trial=t, **at, angle_1_deg=one, angle_2_deg=two,
-                          separation_deg=abs(two - one), value=value, feasible=good, reason=""))
-    ranked = sorted((t for t in trials if t.feasible), key=lambda t: -t.value)[:spec.candidates]
+        trials.append(
+            row(
+                "design_trials",
+                trial=t,
+                **at,
+                angle_1_deg=one,
+                angle_2_deg=two,
+                separation_deg=abs(two - one),
+                value=value,
+                feasible=good,
+                reason="",
+            )
+        )
+    ranked = sorted((t for t in trials if t.feasible), key=lambda t: -t.value)[: spec.candidates]
     place = ("pillar_radius_um", "gap_um", "periodicity")
-    designs = [row("designs", design=k, rank=k, **{n: getattr(t, n) for n in place},
-                   angle_1_deg=t.angle_1_deg, angle_2_deg=t.angle_2_deg, mode_1="bump",
-                   mode_2="zigzag", separation_deg=t.separation_deg, uncertainty_deg=0.5,
-                   value=t.value, objective=spec.objective, verdict="resolved",
-                   mode_change_probability=0.25, inside_training_domain=k > 1,
-                   angle_1_low_deg=t.angle_1_deg - 1, angle_1_high_deg=t.angle_1_deg + 1,
-                   angle_2_low_deg=t.angle_2_deg - 1, angle_2_high_deg=t.angle_2_deg + 1)
-               for k, t in enumerate(ranked, start=1)]
-    axes = {"pillar_radius_um": [4.0, 6.0, 8.0], "gap_um": [10.0, 14.0, 18.0],
-            "periodicity": [4.0, 5.0, 6.0]}  # fmt: skip
+    designs = [
+        row(
+            "designs",
+            design=k,
+            rank=k,
+            **{n: getattr(t, n) for n in place},
+            angle_1_deg=t.angle_1_deg,
+            angle_2_deg=t.angle_2_deg,
+            mode_1="bump",
+            mode_2="zigzag",
+            separation_deg=t.separation_deg,
+            uncertainty_deg=0.5,
+            value=t.value,
+            objective=spec.objective,
+            verdict="resolved",
+            mode_change_probability=0.25,
+            inside_training_domain=k > 1,
+            angle_1_low_deg=t.angle_1_deg - 1,
+            angle_1_high_deg=t.angle_1_deg + 1,
+            angle_2_low_deg=t.angle_2_deg - 1,
+            angle_2_high_deg=t.angle_2_deg + 1,
+        )
+        for k, t in enumerate(ranked, start=1)
+    ]
+    axes = {
+        "pillar_radius_um": [4.0, 6.0, 8.0],
+        "gap_um": [10.0, 14.0, 18.0],
+        "periodicity": [4.0, 5.0, 6.0],
+    }
     slices = []
-    for x, y in (("pillar_radius_um", "gap_um"), ("periodicity", "gap_um"),
-                 ("periodicity", "pillar_radius_um")):
-        slices += [row("design_slices", x_parameter=x, y_parameter=y, x=a, y=b,
-                       difference_deg=a - b / 2, feasible=b > 10, inside_training_domain=a > 4)
-                   for a in axes[x] for b in axes[y]]
+    for x, y in (
+        ("pillar_radius_um", "gap_um"),
+        ("periodicity", "gap_um"),
+        ("periodicity", "pillar_radius_um"),
+    ):
+        slices += [
+            row(
+                "design_slices",
+                x_parameter=x,
+                y_parameter=y,
+                x=a,
+                y=b,
+                difference_deg=a - b / 2,
+                feasible=b > 10,
+                inside_training_domain=a > 4,
+            )
+            for a in axes[x]
+            for b in axes[y]
+        ]
     return models.DesignResult(
-        request=spec.model_dump(mode="json") | {
-            "deformation_index_1": index[0], "deformation_index_2": index[1],
-            "deformation_index_std_1": 0.0, "deformation_index_std_2": 0.01},
-        designs=designs, trials=trials, convergence=course, slices=slices,
-        tolerances=[row("design_tolerances", design=d.design, parameter=p, offset=o,
-                        separation_deg=d.separation_deg + o, mode_1="bump", mode_2="zigzag")
-                    for d in designs for p in ("gap_um", "edge_um") for o in (-0.5, 0.5)],
-        importance=[row("design_importance", parameter=p, importance=v, evaluator="made-up")
-                    for p, v in zip(axes, (0.5, 0.3, 0.2), strict=True)],
+        request=spec.model_dump(mode="json")
+        | {
+            "deformation_index_1": index[0],
+            "deformation_index_2": index[1],
+            "deformation_index_std_1": 0.0,
+            "deformation_index_std_2": 0.01,
+        },
+        designs=designs,
+        trials=trials,
+        convergence=course,
+        slices=slices,
+        tolerances=[
+            row(
+                "design_tolerances",
+                design=d.design,
+                parameter=p,
+                offset=o,
+                separation_deg=d.separation_deg + o,
+                mode_1="bump",
+                mode_2="zigzag",
+            )
+            for d in designs
+            for p in ("gap_um", "edge_um")
+            for o in (-0.5, 0.5)
+        ],
+        importance=[
+            row("design_importance", parameter=p, importance=v, evaluator="made-up")
+            for p, v in zip(axes, (0.5, 0.3, 0.2), strict=True)
+        ],
         warnings=["The best candidate is extrapolated."],
-        seconds={"load": 0.1, "search": 2.0, "files": 1.0})  # fmt: skip
+        seconds={"load": 0.1, "search": 2.0, "files": 1.0},
+    )
 
 
 class Fake:
@@ -113,47 +204,102 @@ class Fake:
         return httpx.Response(status, text=found.model_dump_json())
 
     def get_health(self, *_) -> httpx.Response:
-        return self.answer(models.Health(
-            status="healthy", problems=[], version="0", campaign="c", workers={"search": 1},
-            queued=0, running=0, uptime_s=1.0))
+        return self.answer(
+            models.Health(
+                status="healthy",
+                problems=[],
+                version="0",
+                campaign="c",
+                workers={"search": 1},
+                queued=0,
+                running=0,
+                uptime_s=1.0,
+            )
+        )
 
     def get_model(self, request, _) -> httpx.Response:
         about = ABOUT.model_copy(update={"campaign": request.url.params.get("campaign")})
-        return self.answer(models.ModelInfo(
-            card={}, deformation_index_range=(LOW, HIGH),
-            domain={"geometries": [[r / 7.5, g / 7.5, n] for r, g, n in ARRAYS], "ranges": {},
-                    "arrays": ARRAYS},
-            calibrated_range={"group-velocity": (LOW, HIGH)}, stiffness_sets=[
-                models.CalibratedSet(stiffness_set=str(k), deformation_index=i,
-                                     deformation_index_std=0.003)
-                for k, i in enumerate((LOW, 0.71, HIGH), start=1)],
-            flow={"height_um": 20.0, "mean_velocity_mm_s": 0.5}, cell={"radius_um": 7.5},
-            device={}, safety_distance_um=2.0, fields=models.limits_of(models.DesignSpec),
-            limits={"trials_max": 500, "upload_max_bytes": 4_000_000}, provenance=about))
+        return self.answer(
+            models.ModelInfo(
+                card={},
+                deformation_index_range=(LOW, HIGH),
+                domain={
+                    "geometries": [[r / 7.5, g / 7.5, n] for r, g, n in ARRAYS],
+                    "ranges": {},
+                    "arrays": ARRAYS,
+                },
+                calibrated_range={"group-velocity": (LOW, HIGH)},
+                stiffness_sets=[
+                    models.CalibratedSet(
+                        stiffness_set=str(k), deformation_index=i, deformation_index_std=0.003
+                    )
+                    for k, i in enumerate((LOW, 0.71, HIGH), start=1)
+                ],
+                flow={"height_um": 20.0, "mean_velocity_mm_s": 0.5},
+                cell={"radius_um": 7.5},
+                device={},
+                safety_distance_um=2.0,
+                fields=models.limits_of(models.DesignSpec),
+                limits={"trials_max": 500, "upload_max_bytes": 4_000_000},
+                provenance=about,
+            )
+        )
 
     def post_designs(self, request, _) -> httpx.Response:
         spec = models.DesignSpec(**json.loads(request.content))
         identifier = str(uuid.uuid4()) if ID in self.designs else ID
         self.designs[identifier] = self.status(identifier, spec, "running")
-        return self.answer(models.Accepted(id=identifier, state="queued", url="",
-                                           queue_position=0), 202)
+        return self.answer(
+            models.Accepted(id=identifier, state="queued", url="", queue_position=0), 202
+        )
 
     def status(self, identifier: str, spec: models.DesignSpec, state: str) -> models.DesignStatus:
-        best = models.Best(trial=3, pillar_radius_um=5.0, gap_um=13.0, periodicity=6, value=1.0,
-                           separation_deg=1.5, angle_1_deg=4.0, angle_2_deg=2.5,
-                           inside_training_domain=True)
+        best = models.Best(
+            trial=3,
+            pillar_radius_um=5.0,
+            gap_um=13.0,
+            periodicity=6,
+            value=1.0,
+            separation_deg=1.5,
+            angle_1_deg=4.0,
+            angle_2_deg=2.5,
+            inside_training_domain=True,
+        )
         done = state == "done"
         return models.DesignStatus(
-            id=identifier, state=state, created="2026-01-01T00:00:00Z", spec=spec, attempts=1,
-            progress=models.Progress(stage="search", trial=40, trials=spec.trials, best=best,
-                                     convergence=[None, 0.5, 1.0], elapsed_s=3.0, left_s=5.0),
+            id=identifier,
+            state=state,
+            created="2026-01-01T00:00:00Z",
+            spec=spec,
+            attempts=1,
+            progress=models.Progress(
+                stage="search",
+                trial=40,
+                trials=spec.trials,
+                best=best,
+                convergence=[None, 0.5, 1.0],
+                elapsed_s=3.0,
+                left_s=5.0,
+            ),
             error="no memory" if state == "failed" else None,
-            result=result(spec) if done else None, provenance=ABOUT if done else None,
+            result=result(spec) if done else None,
+            provenance=ABOUT if done else None,
             verification=models.Verdict(state="not-wanted"),
-            files=[models.FileInfo(kind=k, name=f"request-1.{k}", candidate=1, verified=None,
-                                   bytes=1000, sha256="c" * 64,
-                                   url=f"{PREFIX}/designs/{identifier}/files/{k}?candidate=1")
-                   for k in ("json", "csv", "gds", "dxf")] if done else [])
+            files=[
+                models.FileInfo(
+                    kind=k,
+                    name=f"request-1.{k}",
+                    candidate=1,
+                    verified=None,
+                    bytes=1000,
+                    sha256="c" * 64,
+                    url=f"{PREFIX}/designs/{identifier}/files/{k}?candidate=1",
+                )
+                for k in ("json", "csv", "gds", "dxf")
+            ]
+            if done
+            else [],
+        )
 
     def finish(self, identifier: str = ID, state: str = "done") -> None:
         self.designs[identifier] = self.status(identifier, self.designs[identifier].spec, state)
@@ -171,42 +317,92 @@ class Fake:
 
     def get_campaign(self, _, rest) -> httpx.Response:
         if rest[0] == "outcomes":
-            rows = [row("outcomes", outcome_id=f"outcome-{k}", pillar_radius_um=r, gap_um=g,
-                        periodicity=n,
-                        stiffness_set=str(1 + k % 3), deformation_index=LOW,
-                        mode=("bump", "mixed", "zigzag", "none")[k % 4],
-                        migration_angle_deg=None if k % 4 == 3 else angle(r, g, n, LOW),
-                        bump_angle_deg=degrees(atan(1 / n)),
-                        status="decided" if k % 2 else "undecided", sigma_num_deg=0.1)
-                    for k, (r, g, n) in enumerate(ARRAYS)]
+            rows = [
+                row(
+                    "outcomes",
+                    outcome_id=f"outcome-{k}",
+                    pillar_radius_um=r,
+                    gap_um=g,
+                    periodicity=n,
+                    stiffness_set=str(1 + k % 3),
+                    deformation_index=LOW,
+                    mode=("bump", "mixed", "zigzag", "none")[k % 4],
+                    migration_angle_deg=None if k % 4 == 3 else angle(r, g, n, LOW),
+                    bump_angle_deg=degrees(atan(1 / n)),
+                    status="decided" if k % 2 else "undecided",
+                    sigma_num_deg=0.1,
+                )
+                for k, (r, g, n) in enumerate(ARRAYS)
+            ]
         else:
-            rows = [row("calibration", design="group-velocity", group=f"G{k}", ks_uN_per_m=5.0 * k,
-                        stiffness_set=str(k), deformation_index=LOW + 0.02 * k,
-                        deformation_index_low=LOW + 0.02 * k - 0.005,
-                        deformation_index_high=LOW + 0.02 * k + 0.005) for k in (1, 2, 3)]
-        return self.answer(models.Table(kind=rest[0], columns=[], provenance=ABOUT,
-                                        rows=[r.model_dump() for r in rows]))
+            rows = [
+                row(
+                    "calibration",
+                    design="group-velocity",
+                    group=f"G{k}",
+                    ks_uN_per_m=5.0 * k,
+                    stiffness_set=str(k),
+                    deformation_index=LOW + 0.02 * k,
+                    deformation_index_low=LOW + 0.02 * k - 0.005,
+                    deformation_index_high=LOW + 0.02 * k + 0.005,
+                )
+                for k in (1, 2, 3)
+            ]
+        return self.answer(
+            models.Table(
+                kind=rest[0], columns=[], provenance=ABOUT, rows=[r.model_dump() for r in rows]
+            )
+        )
 
     def post_stiffness(self, request, _) -> httpx.Response:
         given = json.loads(request.content)
-        names = [f"{m}{e}" for m in ("ks_uN_per_m", "kal_uN_per_m", "kb_pN_um")
-                 for e in ("", "_low", "_high")]
-        return self.answer(models.StiffnessAnswer(
-            **dict.fromkeys(names, 7.0), deformation_index=given["deformation_index"],
-            error=given["error"], velocity_mm_s=1.0, between=["G1", "G2"], design=given["design"],
-            truncated=True, provenance=ABOUT))
+        names = [
+            f"{m}{e}"
+            for m in ("ks_uN_per_m", "kal_uN_per_m", "kb_pN_um")
+            for e in ("", "_low", "_high")
+        ]
+        return self.answer(
+            models.StiffnessAnswer(
+                **dict.fromkeys(names, 7.0),
+                deformation_index=given["deformation_index"],
+                error=given["error"],
+                velocity_mm_s=1.0,
+                between=["G1", "G2"],
+                design=given["design"],
+                truncated=True,
+                provenance=ABOUT,
+            )
+        )
 
     def post_predict(self, request, _) -> httpx.Response:
         given = json.loads(request.content)
-        return self.answer(models.Prediction(
-            angle_deg=4.0, low_deg=3.0, high_deg=5.0, level=given["level"], mode="mixed",
-            bump_angle_deg=7.0, sigma_num_deg=None, inside_domain=False, distance_outside=0.2,
-            warnings=["extrapolated"], provenance=ABOUT))
+        return self.answer(
+            models.Prediction(
+                angle_deg=4.0,
+                low_deg=3.0,
+                high_deg=5.0,
+                level=given["level"],
+                mode="mixed",
+                bump_angle_deg=7.0,
+                sigma_num_deg=None,
+                inside_domain=False,
+                distance_outside=0.2,
+                warnings=["extrapolated"],
+                provenance=ABOUT,
+            )
+        )
 
     def _campaign(self, name: str, origin: str, rows: int) -> httpx.Response:
         found = models.CampaignStatus(
-            id=str(uuid.uuid4()), state="ready", name=name, origin=origin, created="", rows=rows,
-            provenance=ABOUT, url="")
+            id=str(uuid.uuid4()),
+            state="ready",
+            name=name,
+            origin=origin,
+            created="",
+            rows=rows,
+            provenance=ABOUT,
+            url="",
+        )
         self.campaigns[found.id] = found
         return self.answer(found, 202)
 

@@ -48,29 +48,45 @@ from dldsim.experiments.migration import mode_of
 from dldsim.vocabulary import GEOMETRY
 
 PREFIX = "/api/v1"
-MEDIA = {"json": "application/json", "csv": "text/csv; charset=utf-8",
-         "gds": "application/octet-stream", "dxf": "application/dxf",
-         "report": "text/html; charset=utf-8"}
+MEDIA = {
+    "json": "application/json",
+    "csv": "text/csv; charset=utf-8",
+    "gds": "application/octet-stream",
+    "dxf": "application/dxf",
+    "report": "text/html; charset=utf-8",
+}
 BODIES: dict[str, type[BaseModel]] = {
-    "/designs": models.DesignSpec, "/optimize": models.OptimizeSpec,
-    "/predict": models.PredictSpec, "/stiffness": models.StiffnessSpec,
+    "/designs": models.DesignSpec,
+    "/optimize": models.OptimizeSpec,
+    "/predict": models.PredictSpec,
+    "/stiffness": models.StiffnessSpec,
     "/measurements": models.MeasurementsSpec,
 }
-OUTSIDE = ("This array or cell lies outside what was simulated: the prediction is extrapolated and "
-           "its interval is the whole range that is possible.")
+OUTSIDE = (
+    "This array or cell lies outside what was simulated: the prediction is extrapolated and "
+    "its interval is the whole range that is possible."
+)
 Id = Annotated[str, Path(pattern=UUID, description="as it was answered by POST")]
-CampaignQuery = Annotated[str | None, Query(pattern=UUID, description="an uploaded campaign; left "
-                                            "out: the service's own")]
+CampaignQuery = Annotated[
+    str | None, Query(pattern=UUID, description="an uploaded campaign; left out: the service's own")
+]
 
 
 class Refused(Exception):
     """An answer that is a problem."""
 
-    def __init__(self, status: int, error: str, message: str,
-                 fields: list[models.FieldProblem] = (), retry_after_s: int | None = None):
+    def __init__(
+        self,
+        status: int,
+        error: str,
+        message: str,
+        fields: list[models.FieldProblem] = (),
+        retry_after_s: int | None = None,
+    ):
         self.status = status
-        self.problem = models.Problem(error=error, message=message, fields=list(fields),
-                                      retry_after_s=retry_after_s)
+        self.problem = models.Problem(
+            error=error, message=message, fields=list(fields), retry_after_s=retry_after_s
+        )
 
 
 def _answer(status: int, problem: models.Problem) -> Response:
@@ -133,8 +149,10 @@ class BodyLimit:
 
         async def guarded(part):
             if part["type"] == "http.response.start":
-                part["headers"] = [*part.get("headers", []),
-                                   (b"x-content-type-options", b"nosniff")]
+                part["headers"] = [
+                    *part.get("headers", []),
+                    (b"x-content-type-options", b"nosniff"),
+                ]
             await send(part)
 
         await self.app(scope, counted, guarded)
@@ -199,14 +217,18 @@ class Service:
             points = spec.grid_steps**2 * (high - low + 1)
             draws = points * (spec.draws if spec.objective == "robust" else 1)
             if draws > self.settings.grid_draws_max:
-                raise _field(spec, "grid_steps",
-                             f"{draws} values to compute; grid_steps² × number of periodicities × "
-                             f"draws up to {self.settings.grid_draws_max}")
+                raise _field(
+                    spec,
+                    "grid_steps",
+                    f"{draws} values to compute; grid_steps² × number of periodicities × "
+                    f"draws up to {self.settings.grid_draws_max}",
+                )
         source = self.source(spec.campaign)
         known = source.known
         try:
-            resolved = design_answers.by_deformation_index(spec.request,
-                                                        known.tables.get("calibration"))
+            resolved = design_answers.by_deformation_index(
+                spec.request, known.tables.get("calibration")
+            )
             search.check(search.Task(known.model, resolved, known.chip, spec.seed))
             if spec.verify:
                 self._check_verification(spec, resolved, known)
@@ -215,23 +237,34 @@ class Service:
 
     def _check_verification(self, spec, resolved, known) -> None:
         if self.settings.verify_workers == 0:
-            raise DldsimError("verify = true: this service does not simulate.", key="verify",
-                              value=True, allowed="false", remedy="Leave it out.")
+            raise DldsimError(
+                "verify = true: this service does not simulate.",
+                key="verify",
+                value=True,
+                allowed="false",
+                remedy="Leave it out.",
+            )
         if "calibration" not in known.tables:
-            raise DldsimError("verify = true: this campaign came without a calibration, which the "
-                              "moduli of the cells are read from.", key="verify", value=True,
-                              allowed="false", remedy="Upload it with the outcomes.")
+            raise DldsimError(
+                "verify = true: this campaign came without a calibration, which the "
+                "moduli of the cells are read from.",
+                key="verify",
+                value=True,
+                allowed="false",
+                remedy="Upload it with the outcomes.",
+            )
         conditions(known.tables["outcomes"], design_answers.scene_of(known.settings))
-        sets = {name: Stiffness(**v)
-                for name, v in known.settings["stiffness_sets"].items()}
+        sets = {name: Stiffness(**v) for name, v in known.settings["stiffness_sets"].items()}
         for i in (1, 2):
             name = getattr(spec, f"stiffness_set_{i}")
             if name is not None and name not in sets:
                 raise DldsimError(
                     f"verify = true: stiffness_set_{i} = {name:.64} has no run in this campaign "
-                    f"(with outcomes: {', '.join(sets)}).", key=(f"stiffness_set_{i}", "verify"),
-                    value=name, allowed=", ".join(sets),
-                )  # fmt: skip
+                    f"(with outcomes: {', '.join(sets)}).",
+                    key=(f"stiffness_set_{i}", "verify"),
+                    value=name,
+                    allowed=", ".join(sets),
+                )
         make_populations(spec.request, resolved, known.tables["calibration"], sets)
 
     def status(self, job: Job) -> str:
@@ -241,17 +274,25 @@ class Service:
         position = self.store.position(job)
         progress = {"trials": job.spec["trials"]} | job.progress
         if position is not None:
-            progress["left_s"] = (self.store.mean_seconds(job.lane) * (position + 1)
-                                  / self.pool.sizes[job.lane])
+            progress["left_s"] = (
+                self.store.mean_seconds(job.lane) * (position + 1) / self.pool.sizes[job.lane]
+            )
         found = models.DesignStatus(
-            id=job.id, state=job.state, queue_position=position,
-            created=_time(job.created), started=_time(job.started), finished=_time(job.finished),
-            attempts=job.attempts, spec=job.spec, error=job.error,
+            id=job.id,
+            state=job.state,
+            queue_position=position,
+            created=_time(job.created),
+            started=_time(job.started),
+            finished=_time(job.finished),
+            attempts=job.attempts,
+            spec=job.spec,
+            error=job.error,
             progress=models.Progress(**progress),
             verification=self._verdict(job, verdict),
-            files=[models.FileInfo(**f, url=self.file_url(job.id, f)) for f in
-                   self.store.files(job.id)],
-        )  # fmt: skip
+            files=[
+                models.FileInfo(**f, url=self.file_url(job.id, f)) for f in self.store.files(job.id)
+            ],
+        )
         text = found.model_dump_json()
         if stored is None:
             return text
@@ -273,8 +314,10 @@ class Service:
         if found.state == "done":
             return models.Verdict.model_validate_json(self.store.result(job.id, "verification"))
         return models.Verdict(
-            state=found.state, message=found.error or found.progress.get("message", ""),
-            elapsed_s=found.progress.get("elapsed_s"))
+            state=found.state,
+            message=found.error or found.progress.get("message", ""),
+            elapsed_s=found.progress.get("elapsed_s"),
+        )
 
 
 def _time(seconds: float | None) -> str | None:
@@ -303,8 +346,9 @@ def _infeasible(spec: BaseModel, error: DldsimError) -> Refused:
             for part in inner:
                 value = value[int(part) if part.isdigit() else part]
             if value is not None:
-                named.append(models.FieldProblem(field=key, value=_shown(value),
-                                                 message=str(fault)))
+                named.append(
+                    models.FieldProblem(field=key, value=_shown(value), message=str(fault))
+                )
     return Refused(422, "infeasible", str(error), named)
 
 
@@ -314,20 +358,37 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
     model = BODIES.get(route)
     wanted = "application/json" if model else "multipart/form-data" * (route == "/campaigns")
     given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if wanted and given != wanted and not (model and given.endswith("+json")) and any(
-            tuple(details["loc"])[:1] == ("body",) for details in error.errors()):
-        message = (f"Content-Type = {_shown(given) if given else 'missing'}: allowed: {wanted}. "
-                   "Say with this header what the body is.")
-        return _answer(422, models.Problem(error="invalid", message=message, fields=[
-            models.FieldProblem(field="Content-Type", value=given[:100], message=message)]))
+    if (
+        wanted
+        and given != wanted
+        and not (model and given.endswith("+json"))
+        and any(tuple(details["loc"])[:1] == ("body",) for details in error.errors())
+    ):
+        message = (
+            f"Content-Type = {_shown(given) if given else 'missing'}: allowed: {wanted}. "
+            "Say with this header what the body is."
+        )
+        return _answer(
+            422,
+            models.Problem(
+                error="invalid",
+                message=message,
+                fields=[
+                    models.FieldProblem(field="Content-Type", value=given[:100], message=message)
+                ],
+            ),
+        )
     fields = []
     for details in error.errors():
         loc = tuple(details["loc"])
         path = loc[1:] if loc and loc[0] in ("body", "query", "path", "header") else loc
         name = ".".join(str(part) for part in path)[:200]
         allowed = details["msg"]
-        if model is not None and loc[:1] == ("body",) and details["type"] not in (
-                "json_invalid", "model_attributes_type"):
+        if (
+            model is not None
+            and loc[:1] == ("body",)
+            and details["type"] not in ("json_invalid", "model_attributes_type")
+        ):
             if details["type"] == "extra_forbidden":
                 allowed = "no such field; known: " + ", ".join(model.model_fields)
             elif path:
@@ -342,8 +403,10 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
             value = ""
         message = f"{name or 'request'}{' = ' + value if value else ''}: allowed: {allowed}"
         keys = getattr(details.get("ctx", {}).get("error"), "keys", ())
-        fields += [models.FieldProblem(field=_ascii(key), value=value, message=_ascii(message))
-                   for key in keys or [name]]
+        fields += [
+            models.FieldProblem(field=_ascii(key), value=value, message=_ascii(message))
+            for key in keys or [name]
+        ]
     text = "; ".join(list(dict.fromkeys(f.message for f in fields))[:5])
     return _answer(422, models.Problem(error="invalid", message=text, fields=fields[:20]))
 
@@ -369,19 +432,24 @@ def make_app(settings: Settings | None = None) -> FastAPI:
         await run_in_threadpool(service.pool.stop)
 
     app = FastAPI(
-        title="dldsim", version=__version__, lifespan=lifespan,
+        title="dldsim",
+        version=__version__,
+        lifespan=lifespan,
         description="Designs of pillar arrays that separate two types of deformable cells. Every "
         "number comes from a campaign of simulations, which each answer names.",
-    )  # fmt: skip
+    )
     app.state.service = service
     _add_problems(app)
     _add_designs(app, service)
     _add_questions(app, service)
     _add_campaigns(app, service)
     if settings.cors_origins:
-        app.add_middleware(CORSMiddleware, allow_origins=list(settings.cors_origins),
-                           allow_methods=["GET", "POST", "DELETE"],
-                           allow_headers=["Content-Type"])
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=list(settings.cors_origins),
+            allow_methods=["GET", "POST", "DELETE"],
+            allow_headers=["Content-Type"],
+        )
     app.add_middleware(BodyLimit, settings=settings)
     app.add_middleware(Prefix, root_path=settings.root_path)
     return app
@@ -412,9 +480,14 @@ def _add_problems(app: FastAPI) -> None:
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> Response:
         sys.stderr.write("".join(traceback.format_exception(error)))
-        return _answer(500, models.Problem(
-            error="defect", message="The service failed at this request; its log has the details. "
-            "It goes on for others."))
+        return _answer(
+            500,
+            models.Problem(
+                error="defect",
+                message="The service failed at this request; its log has the details. "
+                "It goes on for others.",
+            ),
+        )
 
 
 def _add_designs(app: FastAPI, service: Service) -> None:
@@ -428,31 +501,55 @@ def _add_designs(app: FastAPI, service: Service) -> None:
         if spec.verify:
             jobs.append((identifier, "verification", VERIFICATION, "waiting", given))
         before = service.add(jobs)
-        return models.Accepted(id=identifier, state="queued", queue_position=before,
-                               url=f"{service.prefix}/designs/{identifier}")
+        return models.Accepted(
+            id=identifier,
+            state="queued",
+            queue_position=before,
+            url=f"{service.prefix}/designs/{identifier}",
+        )
 
     def find(identifier: str) -> Job:
         job = store.find(identifier, "design", "optimize")
         if job is None:
-            raise Refused(404, "not-found", f"design {identifier}: there is none of this id; "
-                          f"results are kept {service.settings.keep_days:g} days.")
+            raise Refused(
+                404,
+                "not-found",
+                f"design {identifier}: there is none of this id; "
+                f"results are kept {service.settings.keep_days:g} days.",
+            )
         return job
 
-    @app.post(f"{PREFIX}/designs", status_code=202, response_model=models.Accepted,
-              responses=_problems(404, 409, 429), tags=["designs"])
+    @app.post(
+        f"{PREFIX}/designs",
+        status_code=202,
+        response_model=models.Accepted,
+        responses=_problems(404, 409, 429),
+        tags=["designs"],
+    )
     def ask(spec: models.DesignSpec) -> models.Accepted:
         """Ask for designs; the answer comes at once, the designs later."""
         return accept(spec, "design")
 
-    @app.get(f"{PREFIX}/designs/{{id}}", response_model=models.DesignStatus,
-             responses=_problems(404), tags=["designs"])
+    @app.get(
+        f"{PREFIX}/designs/{{id}}",
+        response_model=models.DesignStatus,
+        responses=_problems(404),
+        tags=["designs"],
+    )
     def look(id: Id) -> Response:
         """How far it is, then the result."""
-        return Response(service.status(find(id)), media_type="application/json",
-                        headers={"Cache-Control": "no-store"})
+        return Response(
+            service.status(find(id)),
+            media_type="application/json",
+            headers={"Cache-Control": "no-store"},
+        )
 
-    @app.delete(f"{PREFIX}/designs/{{id}}", response_model=models.DesignStatus,
-                responses=_problems(404), tags=["designs"])
+    @app.delete(
+        f"{PREFIX}/designs/{{id}}",
+        response_model=models.DesignStatus,
+        responses=_problems(404),
+        tags=["designs"],
+    )
     def cancel(id: Id) -> Response:
         """End what has not finished; what has, stays."""
         find(id)
@@ -460,11 +557,15 @@ def _add_designs(app: FastAPI, service: Service) -> None:
         service.pool.wake()
         return Response(service.status(find(id)), media_type="application/json")
 
-    @app.get(f"{PREFIX}/designs/{{id}}/files/{{kind}}", response_class=Response, tags=["designs"],
-             responses={200: {"content": {"application/octet-stream": {}}},
-                        **_problems(404, 409)})
+    @app.get(
+        f"{PREFIX}/designs/{{id}}/files/{{kind}}",
+        response_class=Response,
+        tags=["designs"],
+        responses={200: {"content": {"application/octet-stream": {}}}, **_problems(404, 409)},
+    )
     def download(
-        id: Id, kind: Literal["json", "csv", "gds", "dxf", "report"],
+        id: Id,
+        kind: Literal["json", "csv", "gds", "dxf", "report"],
         candidate: Annotated[int | None, Query(ge=1, le=1000)] = None,
         verified: Annotated[int | None, Query(ge=1, le=1000)] = None,
     ) -> Response:
@@ -478,20 +579,31 @@ def _add_designs(app: FastAPI, service: Service) -> None:
         elif candidate is not None:
             found = [f for f in files if f["candidate"] == candidate]
         else:
-            found = ([f for f in files if f["verified"] == 1]
-                     or [f for f in files if f["candidate"] == 1])
+            found = [f for f in files if f["verified"] == 1] or [
+                f for f in files if f["candidate"] == 1
+            ]
         if not found:
-            raise Refused(409, "not-available", f"design {id}, {kind}: there is no such file; the "
-                          f"job is {job.state}. Those that exist are listed in its `files`.")
+            raise Refused(
+                409,
+                "not-available",
+                f"design {id}, {kind}: there is no such file; the "
+                f"job is {job.state}. Those that exist are listed in its `files`.",
+            )
         [file] = found
-        headers = {"Content-Disposition": f'attachment; filename="{file["name"]}"',
-                   "ETag": f'"{file["sha256"]}"',
-                   "Content-Security-Policy":
-                       "default-src 'none'; img-src data:; style-src 'unsafe-inline'; sandbox"}
+        headers = {
+            "Content-Disposition": f'attachment; filename="{file["name"]}"',
+            "ETag": f'"{file["sha256"]}"',
+            "Content-Security-Policy": "default-src 'none'; img-src data:; "
+            "style-src 'unsafe-inline'; sandbox",
+        }
         return Response(store.content(id, file["name"]), headers=headers, media_type=MEDIA[kind])
 
-    @app.post(f"{PREFIX}/optimize", response_model=models.OptimizeAnswer, tags=["designs"],
-              responses={202: {"model": models.Accepted}, **_problems(404, 409, 429)})
+    @app.post(
+        f"{PREFIX}/optimize",
+        response_model=models.OptimizeAnswer,
+        tags=["designs"],
+        responses={202: {"model": models.Accepted}, **_problems(404, 409, 429)},
+    )
     async def optimize(spec: models.OptimizeSpec, request: Request) -> Response:
         """Search and wait for the best candidate."""
         if service.waited_for >= service.settings.optimize_max:
@@ -514,15 +626,24 @@ def _add_designs(app: FastAPI, service: Service) -> None:
         found = json.loads(store.result(job.id, job.kind))
         result, best = found["result"], found["result"]["designs"][0]
         answer = models.OptimizeAnswer(
-            **{k: best[k] for k in models.OptimizeAnswer.model_fields if k in best}, id=job.id,
-            convergence=result["convergence"], importance=result["importance"],
-            seconds=job.finished - job.created, url=accepted.url, provenance=found["provenance"])
+            **{k: best[k] for k in models.OptimizeAnswer.model_fields if k in best},
+            id=job.id,
+            convergence=result["convergence"],
+            importance=result["importance"],
+            seconds=job.finished - job.created,
+            url=accepted.url,
+            provenance=found["provenance"],
+        )
         return Response(answer.model_dump_json(), media_type="application/json")
 
 
 def _add_questions(app: FastAPI, service: Service) -> None:
-    @app.post(f"{PREFIX}/predict", response_model=models.Prediction,
-              responses=_problems(404, 409), tags=["questions"])
+    @app.post(
+        f"{PREFIX}/predict",
+        response_model=models.Prediction,
+        responses=_problems(404, 409),
+        tags=["questions"],
+    )
     def predict(spec: models.PredictSpec) -> models.Prediction:
         """The angle of one cell type in one array."""
         source = service.source(spec.campaign)
@@ -539,32 +660,52 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             warnings.append(OUTSIDE)
         safety = source.known.chip.safety_distance_um
         if spec.gap_um <= spec.pillar_radius_um + safety:
-            warnings.append("gap_um does not exceed pillar_radius_um by the safety distance of "
-                            f"{safety:g} µm: a search would not propose this array.")
+            warnings.append(
+                "gap_um does not exceed pillar_radius_um by the safety distance of "
+                f"{safety:g} µm: a search would not propose this array."
+            )
         return models.Prediction(
-            angle_deg=angle, low_deg=low, high_deg=high, level=spec.level,
+            angle_deg=angle,
+            low_deg=low,
+            high_deg=high,
+            level=spec.level,
             mode=mode_of(angle, 1 / spec.periodicity),
             bump_angle_deg=math.degrees(math.atan(1 / spec.periodicity)),
-            sigma_num_deg=None if sigma is None else float(sigma[0]), inside_domain=inside,
-            distance_outside=models.finite(float(outside)), warnings=warnings,
+            sigma_num_deg=None if sigma is None else float(sigma[0]),
+            inside_domain=inside,
+            distance_outside=models.finite(float(outside)),
+            warnings=warnings,
             provenance=source.provenance,
-        )  # fmt: skip
+        )
 
-    @app.post(f"{PREFIX}/stiffness", response_model=models.StiffnessAnswer,
-              responses=_problems(404, 409), tags=["questions"])
+    @app.post(
+        f"{PREFIX}/stiffness",
+        response_model=models.StiffnessAnswer,
+        responses=_problems(404, 409),
+        tags=["questions"],
+    )
     def stiffness(spec: models.StiffnessSpec) -> models.StiffnessAnswer:
         """Moduli of a cell with a measured deformation index."""
         source = service.source(spec.campaign)
         try:
-            found = stiffness_for(spec.deformation_index, calibration_of(source), spec.error,
-                                  spec.design)
+            found = stiffness_for(
+                spec.deformation_index, calibration_of(source), spec.error, spec.design
+            )
         except DldsimError as error:
             raise _infeasible(spec, error) from error
-        return models.StiffnessAnswer(**found, deformation_index=spec.deformation_index,
-                                      error=spec.error, provenance=source.provenance)
+        return models.StiffnessAnswer(
+            **found,
+            deformation_index=spec.deformation_index,
+            error=spec.error,
+            provenance=source.provenance,
+        )
 
-    @app.get(f"{PREFIX}/model", response_model=models.ModelInfo,
-             responses=_problems(404, 409), tags=["questions"])
+    @app.get(
+        f"{PREFIX}/model",
+        response_model=models.ModelInfo,
+        responses=_problems(404, 409),
+        tags=["questions"],
+    )
     def model(campaign: CampaignQuery = None) -> models.ModelInfo:
         """The surrogate, where it holds, and what may be asked."""
         source = service.source(campaign)
@@ -579,45 +720,77 @@ def _add_questions(app: FastAPI, service: Service) -> None:
                 if len(values):
                     ranges[name] = (float(values.min()), float(values.max()))
             named = table[(table["stiffness_set"] != "") & table["deformation_index"].notna()]
-            sets = [models.CalibratedSet(**row) for row in table_rows("calibration", named[
-                ["stiffness_set", "deformation_index", "deformation_index_std"]])]
+            sets = [
+                models.CalibratedSet(**row)
+                for row in table_rows(
+                    "calibration",
+                    named[["stiffness_set", "deformation_index", "deformation_index_std"]],
+                )
+            ]
         columns = GEOMETRY
         used = outcomes.dropna(subset=["migration_angle_deg", "deformation_index"])
-        limits = {k: v for k, v in service.settings.model_dump().items()
-                  if isinstance(v, int | float) and k.endswith(("_max", "_bytes", "_s"))}
+        limits = {
+            k: v
+            for k, v in service.settings.model_dump().items()
+            if isinstance(v, int | float) and k.endswith(("_max", "_bytes", "_s"))
+        }
         return models.ModelInfo(
             card=models.finite({k: v for k, v in card.items() if k != "domain"}),
             deformation_index_range=known.model.deformation_index_range,
-            domain=models.finite({
-                "ranges": card["domain"]["ranges"], "geometries": card["domain"]["geometries"],
-                "arrays": used[columns].drop_duplicates().to_numpy(float).tolist(),
-                "array_columns": columns}),
-            calibrated_range=ranges, stiffness_sets=sets, flow=known.settings["flow"],
-            cell=known.settings["cell"], device=known.settings["device"],
+            domain=models.finite(
+                {
+                    "ranges": card["domain"]["ranges"],
+                    "geometries": card["domain"]["geometries"],
+                    "arrays": used[columns].drop_duplicates().to_numpy(float).tolist(),
+                    "array_columns": columns,
+                }
+            ),
+            calibrated_range=ranges,
+            stiffness_sets=sets,
+            flow=known.settings["flow"],
+            cell=known.settings["cell"],
+            device=known.settings["device"],
             safety_distance_um=known.chip.safety_distance_um,
-            fields=models.limits_of(models.DesignSpec), limits=limits,
+            fields=models.limits_of(models.DesignSpec),
+            limits=limits,
             provenance=source.provenance,
-        )  # fmt: skip
+        )
 
     def table(kind: str, source: Source) -> models.Table:
         frame = calibration_of(source) if kind == "calibration" else source.known.tables[kind]
-        return models.Table(kind=kind, columns=columns_of(kind), rows=table_rows(kind, frame),
-                            provenance=source.provenance)
+        return models.Table(
+            kind=kind,
+            columns=columns_of(kind),
+            rows=table_rows(kind, frame),
+            provenance=source.provenance,
+        )
 
-    @app.get(f"{PREFIX}/campaign/outcomes", response_model=models.Table,
-             responses=_problems(404, 409), tags=["campaign"])
+    @app.get(
+        f"{PREFIX}/campaign/outcomes",
+        response_model=models.Table,
+        responses=_problems(404, 409),
+        tags=["campaign"],
+    )
     def outcomes(campaign: CampaignQuery = None) -> models.Table:
         """The outcomes learnt from, and measurements."""
         return table("outcomes", service.source(campaign))
 
-    @app.get(f"{PREFIX}/campaign/calibration", response_model=models.Table,
-             responses=_problems(404, 409), tags=["campaign"])
+    @app.get(
+        f"{PREFIX}/campaign/calibration",
+        response_model=models.Table,
+        responses=_problems(404, 409),
+        tags=["campaign"],
+    )
     def calibration(campaign: CampaignQuery = None) -> models.Table:
         """Deformation index of each stiffness group."""
         return table("calibration", service.source(campaign))
 
-    @app.get(f"{PREFIX}/health", response_model=models.Health,
-             responses={503: {"model": models.Health}}, tags=["service"])
+    @app.get(
+        f"{PREFIX}/health",
+        response_model=models.Health,
+        responses={503: {"model": models.Health}},
+        tags=["service"],
+    )
     def health(response: Response) -> models.Health:
         """Whether the service can answer; 503 if not."""
         problems = service.pool.problems()
@@ -634,19 +807,26 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         response.headers["Cache-Control"] = "no-store"
         states = [state for lane in counts.values() for state in lane.items()]
         return models.Health(
-            status="unhealthy" if problems else "healthy", problems=problems, campaign=name,
+            status="unhealthy" if problems else "healthy",
+            problems=problems,
+            campaign=name,
             version=f"dldsim {__version__}, physics version {PHYSICS_VERSION}",
-            workers=service.pool.alive(), uptime_s=time.time() - service.started,
+            workers=service.pool.alive(),
+            uptime_s=time.time() - service.started,
             queued=sum(n for s, n in states if s in ("queued", "waiting")),
             running=sum(n for s, n in states if s == "running"),
-        )  # fmt: skip
+        )
 
 
 def calibration_of(source: Source):
     """The calibration of a campaign, or the answer that it has none."""
     if "calibration" not in source.known.tables:
-        raise Refused(409, "not-available", f"{source.provenance.campaign_name}: it came "
-                      "without a calibration. Upload it with the outcomes.")
+        raise Refused(
+            409,
+            "not-available",
+            f"{source.provenance.campaign_name}: it came "
+            "without a calibration. Upload it with the outcomes.",
+        )
     return source.known.tables["calibration"]
 
 
@@ -657,33 +837,52 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         states = {"running": "fitting", "done": "ready"}
         stored = store.result(job.id, job.kind)
         return models.CampaignStatus(
-            id=job.id, state=states.get(job.state, job.state), name=job.spec["name"],
-            origin=job.spec["origin"], rows=job.spec["rows"], found=job.spec.get("found", []),
+            id=job.id,
+            state=states.get(job.state, job.state),
+            name=job.spec["name"],
+            origin=job.spec["origin"],
+            rows=job.spec["rows"],
+            found=job.spec.get("found", []),
             created=_time(job.created),
-            error=job.error, url=f"{service.prefix}/campaigns/{job.id}",
-            **(json.loads(stored) if stored else {}))
+            error=job.error,
+            url=f"{service.prefix}/campaigns/{job.id}",
+            **(json.loads(stored) if stored else {}),
+        )
 
     def find(identifier: str) -> Job:
         job = store.find(identifier, "campaign")
         if job is None:
-            raise Refused(404, "not-found", f"campaign {identifier}: there is none of this id, or "
-                          "it was deleted.")
+            raise Refused(
+                404,
+                "not-found",
+                f"campaign {identifier}: there is none of this id, or it was deleted.",
+            )
         return job
 
-    def accept(name: str, origin: str, rows: int, parts: dict[str, bytes],
-               found: list[str] = ()) -> models.CampaignStatus:
+    def accept(
+        name: str, origin: str, rows: int, parts: dict[str, bytes], found: list[str] = ()
+    ) -> models.CampaignStatus:
         identifier = str(uuid.uuid4())
         spec = {"name": name, "origin": origin, "rows": rows, "found": list(found)}
-        service.add([(identifier, "campaign", SEARCH, "queued", spec)], parts=parts,
-                    kept=settings.campaigns_max)
+        service.add(
+            [(identifier, "campaign", SEARCH, "queued", spec)],
+            parts=parts,
+            kept=settings.campaigns_max,
+        )
         return status(find(identifier))
 
-    @app.post(f"{PREFIX}/campaigns", status_code=202, response_model=models.CampaignStatus,
-              responses=_problems(429), tags=["campaign"])
+    @app.post(
+        f"{PREFIX}/campaigns",
+        status_code=202,
+        response_model=models.CampaignStatus,
+        responses=_problems(429),
+        tags=["campaign"],
+    )
     def upload(
         outcomes: Annotated[UploadFile, File(description="table of outcomes, CSV or Parquet")],
-        calibration: Annotated[UploadFile | None, File(description="for stiffness sets and "
-                                                       "verification")] = None,
+        calibration: Annotated[
+            UploadFile | None, File(description="for stiffness sets and verification")
+        ] = None,
         flows: Annotated[UploadFile | None, File(description="for pressure drops")] = None,
         name: Annotated[str, Form(max_length=80)] = "uploaded campaign",
     ) -> models.CampaignStatus:
@@ -701,24 +900,35 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         except DldsimError as error:
             message = _ascii(str(error))
             at_fault = error.key if error.key in given else field
-            raise Refused(422, "invalid", message, [
-                models.FieldProblem(field=at_fault, value="", message=message)]) from error
+            raise Refused(
+                422,
+                "invalid",
+                message,
+                [models.FieldProblem(field=at_fault, value="", message=message)],
+            ) from error
         finally:
             service.uploads.release()
-        found = [_ascii(f"{kind}: {note}") for kind, upload in uploads.items()
-                 for note in upload.found]
+        found = [
+            _ascii(f"{kind}: {note}") for kind, upload in uploads.items() for note in upload.found
+        ]
         return accept(_ascii(name), "uploaded", uploads["outcomes"].rows, parts, found)
 
-    @app.post(f"{PREFIX}/measurements", status_code=202, response_model=models.CampaignStatus,
-              responses=_problems(404, 409, 429), tags=["campaign"])
+    @app.post(
+        f"{PREFIX}/measurements",
+        status_code=202,
+        response_model=models.CampaignStatus,
+        responses=_problems(404, 409, 429),
+        tags=["campaign"],
+    )
     def measure(spec: models.MeasurementsSpec) -> models.CampaignStatus:
         """Measured angles to be learnt from, beside the outcomes of a campaign."""
         source = service.source(spec.campaign)
         given = spec.model_dump(include={"measurements", "height_um", "mean_velocity_mm_s"})
         parts = service.data.snapshot(spec.campaign)
         if "measurements" in parts:
-            given["measurements"] = (json.loads(parts["measurements"])["measurements"]
-                                     + given["measurements"])
+            given["measurements"] = (
+                json.loads(parts["measurements"])["measurements"] + given["measurements"]
+            )
         simulated = source.known.tables["outcomes"]
         simulated = simulated[simulated["status"] != finished_campaign.MEASURED]
         try:
@@ -728,14 +938,23 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
         parts["measurements"] = json.dumps(given).encode()
         return accept(_ascii(spec.name), "measurements", len(table), parts)
 
-    @app.get(f"{PREFIX}/campaigns/{{id}}", response_model=models.CampaignStatus,
-             responses=_problems(404), tags=["campaign"])
+    @app.get(
+        f"{PREFIX}/campaigns/{{id}}",
+        response_model=models.CampaignStatus,
+        responses=_problems(404),
+        tags=["campaign"],
+    )
     def look(id: Id) -> models.CampaignStatus:
         """Whether it can be used, and its card."""
         return status(find(id))
 
-    @app.delete(f"{PREFIX}/campaigns/{{id}}", status_code=204, response_class=Response,
-                responses=_problems(404), tags=["campaign"])
+    @app.delete(
+        f"{PREFIX}/campaigns/{{id}}",
+        status_code=204,
+        response_class=Response,
+        responses=_problems(404),
+        tags=["campaign"],
+    )
     def delete(id: Id) -> Response:
         """Forget the campaign; designs made from it stay."""
         find(id)

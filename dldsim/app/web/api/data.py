@@ -31,8 +31,13 @@ from dldsim.tables.parquet import describe, read_table, write_table
 from dldsim.tables.registry import COLUMNS, schema
 from dldsim.tables.user_table import PLAUSIBLE, as_columns, check_plausible, read_user_table
 
-FILES = ("outcomes.parquet", "calibration.parquet", "flows.parquet", "surrogate.json",
-         "surrogate_card.json")  # fmt: skip
+FILES = (
+    "outcomes.parquet",
+    "calibration.parquet",
+    "flows.parquet",
+    "surrogate.json",
+    "surrogate_card.json",
+)
 NEEDED = tuple(name for name in FILES if name != "flows.parquet")
 TABLES = ("outcomes", "calibration", "flows")
 """Kinds of tables that a campaign is kept with; only the first is needed."""
@@ -99,8 +104,11 @@ class Data:
                     finished_campaign.check_settings(self.settings.configuration(), known)
                 except DldsimError as error:
                     raise Unavailable(f"The campaign data cannot be used: {error}") from error
-                name = ("the campaign that comes with dldsim" if self.settings.results is None
-                        else "the campaign that this service was started with")
+                name = (
+                    "the campaign that comes with dldsim"
+                    if self.settings.results is None
+                    else "the campaign that this service was started with"
+                )
                 self._own = signature, Source(known, _provenance(known, None, name, "tracked"))
             return self._own[1]
 
@@ -184,30 +192,44 @@ def _load(files: Mapping[str, bytes]) -> surrogate.Surrogate:
         return surrogate.load(*paths)
 
 
-def _provenance(known: finished_campaign.Campaign, campaign: str | None, name: str, origin: str
-                ) -> Provenance:
+def _provenance(
+    known: finished_campaign.Campaign, campaign: str | None, name: str, origin: str
+) -> Provenance:
     card = known.model.card
     warnings = []
     measured = int((known.tables["outcomes"]["status"] == MEASURED).sum())
     if origin == "uploaded":
-        warnings.append("This campaign was uploaded by a user; the service has checked its form, "
-                        "not how it was made.")
+        warnings.append(
+            "This campaign was uploaded by a user; the service has checked its form, "
+            "not how it was made."
+        )
     if measured:
-        warnings.append(f"{measured} angles were measured on fabricated devices and typed in; "
-                        "each counts as one outcome.")
+        warnings.append(
+            f"{measured} angles were measured on fabricated devices and typed in; "
+            "each counts as one outcome."
+        )
     if card["data"]["undecided"]:
-        warnings.append(f"{card['data']['undecided']} of the outcomes learnt from had not settled "
-                        "when their rows were spent.")
+        warnings.append(
+            f"{card['data']['undecided']} of the outcomes learnt from had not settled "
+            "when their rows were spent."
+        )
     return Provenance(
-        dldsim_version=__version__, physics_version=PHYSICS_VERSION, campaign=campaign,
-        campaign_name=name, origin=origin,
+        dldsim_version=__version__,
+        physics_version=PHYSICS_VERSION,
+        campaign=campaign,
+        campaign_name=name,
+        origin=origin,
         outcomes=card["data"]["outcomes"],
-        used=card["data"]["used"], measured=measured, geometries=card["data"]["geometries"],
-        outcomes_sha256=card["data"]["sha256"], model_sha256=card.get("model_sha256", ""),
-        fitted_by=card["versions"], holds_for=known.model.holds_for,
+        used=card["data"]["used"],
+        measured=measured,
+        geometries=card["data"]["geometries"],
+        outcomes_sha256=card["data"]["sha256"],
+        model_sha256=card.get("model_sha256", ""),
+        fitted_by=card["versions"],
+        holds_for=known.model.holds_for,
         scores_by_geometry=card["scores_by_geometry"],
         warnings=warnings,
-    )  # fmt: skip
+    )
 
 
 class Upload(NamedTuple):
@@ -266,15 +288,18 @@ def _check_size(content: bytes, where: str, remedy: str, columns: int, rows_max:
     size = sum(g.total_byte_size for g in groups)
     values = max((g.column(i).num_values for g in groups for i in range(g.num_columns)), default=0)
     if size > 64 * len(content) + 10**7 or values > 200 * rows_max:
-        raise DldsimError(f"{where}: {size} bytes and {values} values in a column when unpacked. "
-                          f"{remedy}")
+        raise DldsimError(
+            f"{where}: {size} bytes and {values} values in a column when unpacked. {remedy}"
+        )
 
 
 def check_sets(parts: Mapping[str, bytes]) -> None:
     """Refuse outcomes of a stiffness set that the calibration beside them does not know."""
     if "calibration" in parts:
-        outcomes, calibration = (pq.read_table(io.BytesIO(parts[kind])).to_pandas()
-                                 for kind in ("outcomes", "calibration"))
+        outcomes, calibration = (
+            pq.read_table(io.BytesIO(parts[kind])).to_pandas()
+            for kind in ("outcomes", "calibration")
+        )
         try:
             join_deformation_index(outcomes, calibration)
         except DldsimError as error:
@@ -287,14 +312,17 @@ def _check_outcomes(outcomes: pd.DataFrame, where: str) -> None:
     if len(doubled):
         raise DldsimError(f"{where}: outcome_id {doubled.iloc[0][:80]} is there more than once.")
     if (outcomes["status"] == MEASURED).any():
-        raise DldsimError(f"{where}: status {MEASURED} is kept for measured angles, which POST "
-                          "/measurements takes.")
+        raise DldsimError(
+            f"{where}: status {MEASURED} is kept for measured angles, which POST "
+            "/measurements takes."
+        )
     try:
         finished_campaign.settings_of_outcomes(outcomes)
         surrogate.learnable(outcomes)
     except (KeyError, TypeError, ValueError) as error:
-        raise DldsimError(f"{where}: column numerics is not that of an outcome: {error!r:.200}."
-                          ) from error
+        raise DldsimError(
+            f"{where}: column numerics is not that of an outcome: {error!r:.200}."
+        ) from error
 
 
 def table_rows(kind: str, frame: pd.DataFrame) -> list[dict]:
@@ -304,6 +332,13 @@ def table_rows(kind: str, frame: pd.DataFrame) -> list[dict]:
 
 def columns_of(kind: str) -> list[dict]:
     """Names, types, units and meanings of a table's columns."""
-    return [{"name": f.name, "type": str(f.type), "nullable": f.nullable,
-             "unit": f.metadata[b"unit"].decode(),
-             "description": f.metadata[b"description"].decode()} for f in schema(kind)]
+    return [
+        {
+            "name": f.name,
+            "type": str(f.type),
+            "nullable": f.nullable,
+            "unit": f.metadata[b"unit"].decode(),
+            "description": f.metadata[b"description"].decode(),
+        }
+        for f in schema(kind)
+    ]

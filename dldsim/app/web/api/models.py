@@ -9,13 +9,7 @@ from functools import cache
 from typing import Annotated, Any, Literal
 
 import pyarrow as pa
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    create_model,
-    field_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
 
 from dldsim.config.design_sections import DesignRequest
 from dldsim.config.identifiers import GROUP_VELOCITY
@@ -23,31 +17,54 @@ from dldsim.config.sections import Section
 from dldsim.tables.registry import COLUMNS
 
 LARGEST = {
-    "radius_1_um": 50.0, "radius_2_um": 50.0, "deformation_index_std_1": 1.0,
-    "deformation_index_std_2": 1.0, "pillar_radius_um": 100.0, "gap_um": 200.0,
-    "periodicity": 100, "tolerance_um": 10.0, "height_tolerance_um": 10.0,
-    "pillar_aspect_ratio_max": 100.0, "lateral_separation_um": 1e5, "pressure_max_kPa": 1e5,
-    "startup_trials": 1000, "trials": 1000, "grid_steps": 33, "draws": 512, "candidates": 10,
-}  # fmt: skip
+    "radius_1_um": 50.0,
+    "radius_2_um": 50.0,
+    "deformation_index_std_1": 1.0,
+    "deformation_index_std_2": 1.0,
+    "pillar_radius_um": 100.0,
+    "gap_um": 200.0,
+    "periodicity": 100,
+    "tolerance_um": 10.0,
+    "height_tolerance_um": 10.0,
+    "pillar_aspect_ratio_max": 100.0,
+    "lateral_separation_um": 1e5,
+    "pressure_max_kPa": 1e5,
+    "startup_trials": 1000,
+    "trials": 1000,
+    "grid_steps": 33,
+    "draws": 512,
+    "candidates": 10,
+}
 """Largest values that the service takes, beside the ranges of the configuration: they bound what a
 request can cost. The number of trials may be limited further by the settings of the service."""
 SMALLEST = {
-    "radius_1_um": 0.1, "radius_2_um": 0.1, "pillar_radius_um": 0.1, "gap_um": 0.1,
-    "pillar_aspect_ratio_max": 0.01, "lateral_separation_um": 0.1, "pressure_max_kPa": 1e-9,
-}  # fmt: skip
+    "radius_1_um": 0.1,
+    "radius_2_um": 0.1,
+    "pillar_radius_um": 0.1,
+    "gap_um": 0.1,
+    "pillar_aspect_ratio_max": 0.01,
+    "lateral_separation_um": 0.1,
+    "pressure_max_kPa": 1e-9,
+}
 """Smallest values: positive ones below make numbers that overflow."""
 SETS_LENGTH = 64
 SEED_MAX = 2**31 - 1
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
-CampaignId = Annotated[str, Field(pattern=UUID, description="a campaign of POST /campaigns or "
-                                  "/measurements; left out: the service's own")]
+CampaignId = Annotated[
+    str,
+    Field(
+        pattern=UUID,
+        description="a campaign of POST /campaigns or /measurements; left out: the service's own",
+    ),
+]
 
 
 def _no_flag(cls: type[BaseModel], value: Any, info: Any) -> Any:
     """Refuse true and false where a number is asked for, which they would count as."""
     given = value if isinstance(value, list | tuple) else [value]
     if cls.model_fields[info.field_name].annotation is not bool and any(
-            isinstance(v, bool) for v in given):
+        isinstance(v, bool) for v in given
+    ):
         raise ValueError("a value of this field, not true or false")
     return value
 
@@ -91,8 +108,11 @@ class DesignSpec(DesignRequest):
 
     _no_flags = no_flags()
 
-    model_config = ConfigDict(json_schema_extra={"examples": [
-        {"stiffness_set_1": "1", "stiffness_set_2": "5", "trials": 60, "seed": 1}]})
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"stiffness_set_1": "1", "stiffness_set_2": "5", "trials": 60, "seed": 1}]
+        }
+    )
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{1,40}$")] = Field(
         "request", description="letters, digits and hyphens; names the files"
@@ -137,8 +157,18 @@ class PredictSpec(Section):
 
     _no_flags = no_flags()
 
-    model_config = ConfigDict(json_schema_extra={"examples": [
-        {"pillar_radius_um": 7.0, "gap_um": 16.0, "periodicity": 6, "deformation_index": 0.7}]})
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "pillar_radius_um": 7.0,
+                    "gap_um": 16.0,
+                    "periodicity": 6,
+                    "deformation_index": 0.7,
+                }
+            ]
+        }
+    )
 
     pillar_radius_um: float = Field(ge=0.1, le=100, description="pillar radius P_r")
     gap_um: float = Field(ge=0.1, le=200, description="gap P_g between pillar surfaces")
@@ -154,8 +184,9 @@ class StiffnessSpec(Section):
 
     _no_flags = no_flags()
 
-    model_config = ConfigDict(json_schema_extra={"examples": [
-        {"deformation_index": 0.7, "error": 0.01}]})
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"deformation_index": 0.7, "error": 0.01}]}
+    )
 
     deformation_index: float = Field(ge=0, le=1, description="as measured in the constriction")
     error: float = Field(0.0, ge=0, le=1, description="its standard error")
@@ -189,10 +220,27 @@ class MeasurementsSpec(Section):
 
     _no_flags = no_flags()
 
-    model_config = ConfigDict(json_schema_extra={"examples": [
-        {"height_um": 20.0, "mean_velocity_mm_s": 0.5, "measurements": [
-            {"pillar_radius_um": 7.0, "gap_um": 16.0, "periodicity": 6, "deformation_index": 0.7,
-             "cell_radius_um": 7.5, "migration_angle_deg": 5.0, "error_deg": 0.3}]}]})
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "height_um": 20.0,
+                    "mean_velocity_mm_s": 0.5,
+                    "measurements": [
+                        {
+                            "pillar_radius_um": 7.0,
+                            "gap_um": 16.0,
+                            "periodicity": 6,
+                            "deformation_index": 0.7,
+                            "cell_radius_um": 7.5,
+                            "migration_angle_deg": 5.0,
+                            "error_deg": 0.3,
+                        }
+                    ],
+                }
+            ]
+        }
+    )
 
     measurements: list[Measurement] = Field(min_length=1, max_length=500)
     height_um: float = Field(ge=0.1, le=1000, description="channel height of the devices")
@@ -217,7 +265,9 @@ def row_model(kind: str) -> type[Answer]:
         for i in (1, 2):
             for side in ("low", "high"):
                 fields[f"angle_{i}_{side}_deg"] = (
-                    float, Field(description=f"{side} end of the 90 % interval of angle {i} [°]"))
+                    float,
+                    Field(description=f"{side} end of the 90 % interval of angle {i} [°]"),
+                )
     name = "".join(word.capitalize() for word in kind.split("_"))
     return create_model(f"{name}Row", __base__=Answer, **fields)
 
@@ -499,19 +549,28 @@ def limits_of(model: type[BaseModel]) -> list[FieldLimit]:
     for name, field in model.model_fields.items():
         schema = model.model_json_schema()["properties"][name]
         parts = [schema, *schema.get("anyOf", []), *schema.get("prefixItems", [])]
-        at = {key: part[key] for part in reversed(parts) for key in
-              ("minimum", "exclusiveMinimum", "maximum") if key in part}
+        at = {
+            key: part[key]
+            for part in reversed(parts)
+            for key in ("minimum", "exclusiveMinimum", "maximum")
+            if key in part
+        }
         most = min(filter(None, (at.get("maximum"), LARGEST.get(name))), default=None)
         low = SMALLEST.get(name, at.get("minimum", at.get("exclusiveMinimum")))
         default = None if field.is_required() else field.default
         stem = name[:-2] if name[-2:] in ("_1", "_2") else name
-        found.append(FieldLimit(
-            name=name, minimum=low, maximum=most,
-            exclusive_minimum="exclusiveMinimum" in at and name not in SMALLEST,
-            default=default, description=field.description or "",
-            unit=next((u for end, u in units.items() if stem.endswith(end)), ""),
-            choices=schema.get("enum"),
-        ))  # fmt: skip
+        found.append(
+            FieldLimit(
+                name=name,
+                minimum=low,
+                maximum=most,
+                exclusive_minimum="exclusiveMinimum" in at and name not in SMALLEST,
+                default=default,
+                description=field.description or "",
+                unit=next((u for end, u in units.items() if stem.endswith(end)), ""),
+                choices=schema.get("enum"),
+            )
+        )
     return found
 
 

@@ -41,8 +41,11 @@ class Pool:
     def start(self) -> None:
         """Take the lock, queue again what was interrupted, start the processes."""
         self.lock()
-        self.store.release(None, "It was begun many times, and the service ended each time.",
-                           attempts_max=RESTARTS_MAX)
+        self.store.release(
+            None,
+            "It was begun many times, and the service ended each time.",
+            attempts_max=RESTARTS_MAX,
+        )
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()
 
@@ -55,8 +58,10 @@ class Pool:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             file.close()
-            raise DldsimError(f"state = {self.settings.state}: another service works there. Stop "
-                              "it, or name another folder with --state.") from error
+            raise DldsimError(
+                f"state = {self.settings.state}: another service works there. Stop "
+                "it, or name another folder with --state."
+            ) from error
         self._lock = file
 
     def stop(self) -> None:
@@ -83,16 +88,21 @@ class Pool:
 
     def problems(self) -> list[str]:
         """What keeps the pool from working."""
-        found = [f"The processes for {lane} end as soon as they are started; see the log."
-                 for lane, count in self.failures.items() if count >= FAILURES]
+        found = [
+            f"The processes for {lane} end as soon as they are started; see the log."
+            for lane, count in self.failures.items()
+            if count >= FAILURES
+        ]
         if self._thread is None or not self._thread.is_alive():
             found.append("The pool of processes is not running.")
         return found
 
     def alive(self) -> dict[str, int]:
         """Number of processes by lane."""
-        return {lane: sum(1 for of, p, _ in self.workers.values() if of == lane
-                          and p.poll() is None) for lane in self.sizes}
+        return {
+            lane: sum(1 for of, p, _ in self.workers.values() if of == lane and p.poll() is None)
+            for lane in self.sizes
+        }
 
     def pids(self, lane: str) -> list[int]:
         return [p.pid for of, p, _ in list(self.workers.values()) if of == lane]
@@ -128,8 +138,11 @@ class Pool:
         waiting = self.store.counts()
         for lane, size in self.sizes.items():
             alive = sum(1 for of, _, _ in self.workers.values() if of == lane)
-            wanted = size if lane == SEARCH else min(size, sum(
-                waiting[lane].get(state, 0) for state in ("queued", "running")))
+            wanted = (
+                size
+                if lane == SEARCH
+                else min(size, sum(waiting[lane].get(state, 0) for state in ("queued", "running")))
+            )
             old = [s for of, _, s in self.workers.values() if of == lane]
             if old and time.monotonic() - max(old) > YOUNG_S:
                 self.failures[lane] = 0
@@ -142,13 +155,21 @@ class Pool:
 
     def _begin(self, lane: str) -> None:
         name = str(uuid.uuid4())
-        path = os.pathsep.join(filter(None, [str(Path(dldsim.__file__).parents[1]),
-                                             os.environ.get("PYTHONPATH")]))
+        path = os.pathsep.join(
+            filter(None, [str(Path(dldsim.__file__).parents[1]), os.environ.get("PYTHONPATH")])
+        )
         process = subprocess.Popen(
-            [sys.executable, "-m", "dldsim.app.web.api.worker", lane, name,
-             self.settings.model_dump_json()],
-            stdin=subprocess.PIPE, env={**os.environ, "PYTHONPATH": path},
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "dldsim.app.web.api.worker",
+                lane,
+                name,
+                self.settings.model_dump_json(),
+            ],
+            stdin=subprocess.PIPE,
+            env={**os.environ, "PYTHONPATH": path},
+        )
         self.workers[name] = lane, process, time.monotonic()
 
 

@@ -35,8 +35,9 @@ class Settings(Section):
         None, description="campaign folder; none: the campaign that comes with the package"
     )
     config: Path | None = Field(
-        None, description="configuration for device, safety distance and verification; none: "
-        "./config.yaml if there is one, else defaults, as the commands do"
+        None,
+        description="configuration for device, safety distance and verification; none: "
+        "./config.yaml if there is one, else defaults, as the commands do",
     )
     state: Path = Field(default_factory=_state, description="folder of queue and results")
     host: str = Field("127.0.0.1", description="address to listen on")
@@ -74,8 +75,10 @@ class Settings(Section):
             try:
                 ipaddress.IPv6Address(bare)
             except ValueError:
-                raise ValueError("a name or an address alone, without http:// and without a port, "
-                                 "such as 127.0.0.1, ::1 or 0.0.0.0") from None
+                raise ValueError(
+                    "a name or an address alone, without http:// and without a port, "
+                    "such as 127.0.0.1, ::1 or 0.0.0.0"
+                ) from None
         elif not re.fullmatch(r"[A-Za-z0-9._-]+", bare):
             raise ValueError("a name or an address, such as 127.0.0.1, ::1 or 0.0.0.0")
         return bare
@@ -94,8 +97,10 @@ class Settings(Section):
         bare = [origin.strip().rstrip("/") for origin in value if origin.strip()]
         for origin in bare:
             if not re.fullmatch(r"\*|https?://[^/\s,'\"]+", origin):
-                raise ValueError(f"origins without path and without quotes, separated by commas, "
-                                 f"such as https://lab.example, not {origin[:60]}")
+                raise ValueError(
+                    f"origins without path and without quotes, separated by commas, "
+                    f"such as https://lab.example, not {origin[:60]}"
+                )
         return tuple(bare)
 
     @classmethod
@@ -106,11 +111,16 @@ class Settings(Section):
         """
         variables = {PREFIX + key.upper(): key for key in cls.model_fields}
         for name in os.environ:
-            if name.startswith(PREFIX) and name not in variables and not any(
-                    name.startswith(PREFIX + other) for other in OTHERS):
+            if (
+                name.startswith(PREFIX)
+                and name not in variables
+                and not any(name.startswith(PREFIX + other) for other in OTHERS)
+            ):
                 close = difflib.get_close_matches(name, variables, n=1)
-                raise DldsimError(f"{name}: there is no such setting."
-                                  + (f" Did you mean {close[0]}?" if close else ""))
+                raise DldsimError(
+                    f"{name}: there is no such setting."
+                    + (f" Did you mean {close[0]}?" if close else "")
+                )
         values, origins = {}, {}
         for name, key in variables.items():
             if text := os.environ.get(name):
@@ -122,8 +132,11 @@ class Settings(Section):
         try:
             return cls.model_validate(values)
         except ValidationError as error:
-            problems = [f"{origins.get(str(e['loc'][0]), str(e['loc'][0]))} = {e['input']!r}: "
-                        f"allowed: {allowed_at(cls, e['loc'], e)}." for e in error.errors()]
+            problems = [
+                f"{origins.get(str(e['loc'][0]), str(e['loc'][0]))} = {e['input']!r}: "
+                f"allowed: {allowed_at(cls, e['loc'], e)}."
+                for e in error.errors()
+            ]
         raise DldsimError("The service cannot be started. " + " ".join(problems))
 
     def configuration(self) -> Partial | None:
@@ -140,6 +153,9 @@ class Settings(Section):
         config = self.configuration()
         if config is None:
             return Device(), Sweep.model_fields["safety_distance_um"].default, Verification()
-        safety = config.sweep.safety_distance_um if config.sweep else (
-            Sweep.model_fields["safety_distance_um"].default)
+        safety = (
+            config.sweep.safety_distance_um
+            if config.sweep
+            else (Sweep.model_fields["safety_distance_um"].default)
+        )
         return config.device, safety, config.verification

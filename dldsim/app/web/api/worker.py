@@ -72,8 +72,12 @@ class Worker:
                 self.data.own()
 
     def _do(self, job: Job) -> None:
-        work = {"design": self._design, "optimize": self._design, "campaign": self._campaign,
-                "verification": self._verification}[job.kind]
+        work = {
+            "design": self._design,
+            "optimize": self._design,
+            "campaign": self._campaign,
+            "verification": self._verification,
+        }[job.kind]
         try:
             work(job)
         except Cancelled:
@@ -81,12 +85,18 @@ class Worker:
         except DldsimError as error:
             self.store.finish(job, error=str(error))
         except MemoryError:
-            self.store.finish(job, error="There was not enough memory for it. Ask for fewer "
-                                         "trials, draws or grid steps.")
+            self.store.finish(
+                job,
+                error="There was not enough memory for it. Ask for fewer "
+                "trials, draws or grid steps.",
+            )
         except Exception as error:
             sys.stderr.write(traceback.format_exc())
-            self.store.finish(job, error=f"The program failed: {error!r:.300}. This is a defect of "
-                                         "the service; its log has the details.")
+            self.store.finish(
+                job,
+                error=f"The program failed: {error!r:.300}. This is a defect of "
+                "the service; its log has the details.",
+            )
 
     # ------------------------------------------------------------------------------------- kinds
 
@@ -98,8 +108,9 @@ class Worker:
         progress = _Course(self, job, spec)
         clock = time.perf_counter()
         _, _, budget = self.settings.campaign()
-        made = design_answers.make_designs(spec.request, source.known, spec.seed, budget,
-                                        progress.trial)
+        made = design_answers.make_designs(
+            spec.request, source.known, spec.seed, budget, progress.trial
+        )
         seconds["search"] = time.perf_counter() - clock
         clock = time.perf_counter()
         result = result_of(made, source)
@@ -120,8 +131,9 @@ class Worker:
 
     @staticmethod
     def _document(result: Mapping, seconds: Mapping, made, source) -> str:
-        about = source.provenance.model_copy(update={
-            "config_hash": made.about["config_hash"], "seed": made.about["seed"]})
+        about = source.provenance.model_copy(
+            update={"config_hash": made.about["config_hash"], "seed": made.about["seed"]}
+        )
         answer = models.DesignResult(**result, seconds=dict(seconds))
         return f'{{"result":{answer.model_dump_json()},"provenance":{about.model_dump_json()}}}'
 
@@ -141,25 +153,40 @@ class Worker:
 
         say("searching")
         _, _, budget = self.settings.campaign()
-        made = design_answers.make_designs(spec.request, known, spec.seed, budget,
-                                        lambda row: say(f"searching, trial {row['trial']}"))
+        made = design_answers.make_designs(
+            spec.request,
+            known,
+            spec.seed,
+            budget,
+            lambda row: say(f"searching, trial {row['trial']}"),
+        )
         # finished releases are kept between attempts; the folder's name is an id of this service
         work = self.settings.state / "outcomes" / job.id
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             try:
                 verdicts = design_answers.verify_request(
-                    spec.request, made.settings, known.chip, known.model, known.tables,
-                    work=work, files=folder / "files", progress=say)
+                    spec.request,
+                    made.settings,
+                    known.chip,
+                    known.model,
+                    known.tables,
+                    work=work,
+                    files=folder / "files",
+                    progress=say,
+                )
                 design_answers.write_designs(made, known, folder, verdicts)
             except (DldsimError, Cancelled):
                 shutil.rmtree(work, ignore_errors=True)
                 raise
             files = files_of(folder, spec.name)
         result = models.Verdict(
-            state="done", message="", elapsed_s=time.perf_counter() - start,
+            state="done",
+            message="",
+            elapsed_s=time.perf_counter() - start,
             designs=table_rows("verified_designs", verdicts.designs),
-            verifications=table_rows("verifications", verdicts.verifications))
+            verifications=table_rows("verifications", verdicts.verifications),
+        )
         self.store.finish(job, result=result.model_dump_json(), files=files)
         shutil.rmtree(work, ignore_errors=True)
 
@@ -189,8 +216,9 @@ class _Course:
 
         self.done = row["trial"] + 1
         if row["feasible"] and (self.best is None or row["value"] > self.best["value"]):
-            self.best = {k: row[k] for k in models.Best.model_fields
-                         if k != "inside_training_domain"}
+            self.best = {
+                k: row[k] for k in models.Best.model_fields if k != "inside_training_domain"
+            }
             self.best["inside_training_domain"] = bool(row["outside"] <= DOMAIN_TOLERANCE)
         self.convergence.append(None if self.best is None else self.best["value"])
         if time.perf_counter() - self.last > REPORT_EVERY_S:
@@ -201,10 +229,12 @@ class _Course:
         self.done = self.trials
         self.convergence = result["convergence"]
         if self.best is None:
-            self.best = {k: v for k, v in result["designs"][0].items()
-                         if k in models.Best.model_fields} | {"trial": 0}
-            same = [t["trial"] for t in result["trials"] if all(
-                t[k] == self.best[k] for k in GEOMETRY)]
+            self.best = {
+                k: v for k, v in result["designs"][0].items() if k in models.Best.model_fields
+            } | {"trial": 0}
+            same = [
+                t["trial"] for t in result["trials"] if all(t[k] == self.best[k] for k in GEOMETRY)
+            ]
             self.best["trial"] = same[0] if same else 0
         self.report("files")
 
@@ -212,9 +242,18 @@ class _Course:
         self.last = time.perf_counter()
         elapsed = self.last - self.start
         left = elapsed / self.done * (self.trials - self.done) if self.done else None
-        known = self.worker.store.report(self.job, {
-            "stage": stage, "trial": self.done, "trials": self.trials, "best": self.best,
-            "convergence": self.convergence, "elapsed_s": elapsed, "left_s": left})
+        known = self.worker.store.report(
+            self.job,
+            {
+                "stage": stage,
+                "trial": self.done,
+                "trials": self.trials,
+                "best": self.best,
+                "convergence": self.convergence,
+                "elapsed_s": elapsed,
+                "left_s": left,
+            },
+        )
         if not known:
             raise Cancelled
 
@@ -232,21 +271,22 @@ def result_of(made: design_answers.Made, source) -> dict[str, Any]:
     place = [designs[k].to_numpy() for k in GEOMETRY]
     for i in (1, 2):
         designs[f"angle_{i}_low_deg"], designs[f"angle_{i}_high_deg"] = model.predict_interval(
-            *place, getattr(resolved, f"deformation_index_{i}"),
-            getattr(resolved, f"radius_{i}_um"))
+            *place, getattr(resolved, f"deformation_index_{i}"), getattr(resolved, f"radius_{i}_um")
+        )
     trials = found.trials
     if len(trials) > GRID_TRIALS:
         trials = trials.nlargest(GRID_TRIALS, "value")
     best = best_so_far(found.trials)["best"]
     return {
-        "request": resolved.model_dump(), "designs": table_rows("designs", designs),
+        "request": resolved.model_dump(),
+        "designs": table_rows("designs", designs),
         "trials": table_rows("design_trials", trials),
         "convergence": models.finite(best.iloc[:: max(1, len(best) // GRID_TRIALS)].tolist()),
         "tolerances": table_rows("design_tolerances", found.tolerances),
         "importance": table_rows("design_importance", found.importance),
         "slices": table_rows("design_slices", found.slices),
         "warnings": warnings_of(found, source),
-    }  # fmt: skip
+    }
 
 
 def warnings_of(found, source) -> list[str]:
@@ -254,17 +294,23 @@ def warnings_of(found, source) -> list[str]:
     texts = list(source.provenance.warnings)
     first = found.designs.iloc[0]
     if not first["inside_training_domain"]:
-        texts.append("The best candidate lies outside the arrays that were simulated: its angles "
-                     "are extrapolated.")
+        texts.append(
+            "The best candidate lies outside the arrays that were simulated: its angles "
+            "are extrapolated."
+        )
     outside = int((~found.designs["inside_training_domain"]).sum())
     if outside and first["inside_training_domain"]:
-        texts.append(f"{outside} of {len(found.designs)} candidates lie outside the arrays that "
-                     "were simulated; they are ranked behind the others.")
+        texts.append(
+            f"{outside} of {len(found.designs)} candidates lie outside the arrays that "
+            "were simulated; they are ranked behind the others."
+        )
     if first["separation_deg"] <= first["uncertainty_deg"]:
         texts.append("The best separation is smaller than its uncertainty: it is not resolved.")
     if first["robust_separation_deg"] <= 0:
-        texts.append("With spread of the cells, error of the prediction and fabrication tolerance "
-                     "not even the order of the two cell types is sure.")
+        texts.append(
+            "With spread of the cells, error of the prediction and fabrication tolerance "
+            "not even the order of the two cell types is sure."
+        )
     return texts
 
 
@@ -272,8 +318,13 @@ def files_of(folder: Path, name: str) -> list[dict[str, Any]]:
     """Files of a design for the store: of candidates, of simulated designs, and the report."""
     found = []
     for path in sorted([folder / "report.html", *(folder / "files").iterdir()]):
-        kind = {".json": "json", ".csv": "csv", ".gds": "gds", ".dxf": "dxf",
-                ".html": "report"}.get(path.suffix)
+        kind = {
+            ".json": "json",
+            ".csv": "csv",
+            ".gds": "gds",
+            ".dxf": "dxf",
+            ".html": "report",
+        }.get(path.suffix)
         if kind is None:
             continue
         label = path.stem.removeprefix(f"{name}-")
@@ -285,9 +336,17 @@ def files_of(folder: Path, name: str) -> list[dict[str, Any]]:
         else:
             verified, target = int(label), path.name
         content = path.read_bytes()
-        found.append({"name": target, "kind": kind, "candidate": candidate, "verified": verified,
-                      "sha256": hashlib.sha256(content).hexdigest(), "bytes": len(content),
-                      "content": content})
+        found.append(
+            {
+                "name": target,
+                "kind": kind,
+                "candidate": candidate,
+                "verified": verified,
+                "sha256": hashlib.sha256(content).hexdigest(),
+                "bytes": len(content),
+                "content": content,
+            }
+        )
     return found
 
 

@@ -25,5 +25,6 @@ def api_address(given: str | None = None) -> str:
     if not good or parts.query or parts.fragment:
         raise ValueError(
             f"--api or {API_VARIABLE} = {found!r}: an address begins with http:// or https://, "
-            "with IPv6 in brackets, such as http://127.0.0.1:8000 or http://[::1]:8000.")
+            "with IPv6 in brackets, such as http://127.0.0.1:8000 or http://[::1]:8000."
+        )
     return found.strip().rstrip("/")

@@ -15,13 +15,26 @@ def icon() -> Image.Image:
 
 
 st.set_page_config(page_title="dldsim", page_icon=icon(), layout="wide")
-page = st.navigation([
-    st.Page(design_page.page, title="Design", url_path="design", icon=":material/design_services:",
-            default=True),
-    st.Page(campaign_page.page, title="Campaign", url_path="campaign", icon=":material/insights:"),
-    st.Page(measurements_page.page, title="Measurements", url_path="measurements",
-            icon=":material/straighten:"),
-])
+page = st.navigation(
+    [
+        st.Page(
+            design_page.page,
+            title="Design",
+            url_path="design",
+            icon=":material/design_services:",
+            default=True,
+        ),
+        st.Page(
+            campaign_page.page, title="Campaign", url_path="campaign", icon=":material/insights:"
+        ),
+        st.Page(
+            measurements_page.page,
+            title="Measurements",
+            url_path="measurements",
+            icon=":material/straighten:",
+        ),
+    ]
+)
 parts.survive()
 parts.settle_address()
 parts.sidebar()

@@ -7,11 +7,20 @@ from dldsim.app.web.ui import charts, client, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, chart, frame, number, plain
 
-AXES = {"gap_um": "gap P_g", "pillar_radius_um": "pillar radius P_r",
-        "periodicity": "periodicity N_p", "deformation_index": "deformation index",
-        "confinement": "confinement 2R / P_g"}  # fmt: skip
-GROUPS = {"mode": "mode", "stiffness_set": "stiffness set", "periodicity": "periodicity N_p",
-          "pillar_radius_um": "pillar radius P_r", "gap_um": "gap P_g"}  # fmt: skip
+AXES = {
+    "gap_um": "gap P_g",
+    "pillar_radius_um": "pillar radius P_r",
+    "periodicity": "periodicity N_p",
+    "deformation_index": "deformation index",
+    "confinement": "confinement 2R / P_g",
+}
+GROUPS = {
+    "mode": "mode",
+    "stiffness_set": "stiffness set",
+    "periodicity": "periodicity N_p",
+    "pillar_radius_um": "pillar radius P_r",
+    "gap_um": "gap P_g",
+}
 RESPONSES = {"migration_angle_deg": "angle θ_m", "share": "tan θ_m · N_p"}
 FILTERS = ("pillar_radius_um", "gap_um", "periodicity", "stiffness_set")
 
@@ -44,35 +53,51 @@ def _angles() -> None:
     with st.container(border=True):
         left, middle, right = st.columns(3)
         x = left.selectbox("along x", AXES, format_func=AXES.get, key="form:angles_x")
-        response = middle.selectbox("along y", RESPONSES, format_func=RESPONSES.get,
-                                    key="form:angles_y")
-        group = right.selectbox("colour and marker", GROUPS, format_func=GROUPS.get,
-                                key="form:angles_group")
+        response = middle.selectbox(
+            "along y", RESPONSES, format_func=RESPONSES.get, key="form:angles_y"
+        )
+        group = right.selectbox(
+            "colour and marker", GROUPS, format_func=GROUPS.get, key="form:angles_group"
+        )
         shown = outcomes
         for name, column in zip(FILTERS, st.columns(4), strict=True):
             values = sorted({r[name] for r in outcomes})
-            chosen = column.multiselect(f"only {GROUPS[name]}", values, placeholder="all",
-                                        key=f"form:only_{name}")
+            chosen = column.multiselect(
+                f"only {GROUPS[name]}", values, placeholder="all", key=f"form:only_{name}"
+            )
             if chosen:
                 shown = [r for r in shown if r[name] in chosen]
     without = sum(r["migration_angle_deg"] is None for r in shown)
     chart(charts.angles(shown, x, response, group), "angles", "angle of each outcome")
-    st.caption(f"{len(shown)} outcomes, {without} of them without an angle (stuck, unstable or "
-               "failed). Hollow: undecided, the motion had not settled when its rows were spent. "
-               "Bars: numerical uncertainty σ_num where it was studied. Outcomes of the same value "
-               "stand side by side."
-               + (" Dotted: limits of zigzag (0.1) and bump (0.9)." if response == "share" else ""))
+    st.caption(
+        f"{len(shown)} outcomes, {without} of them without an angle (stuck, unstable or "
+        "failed). Hollow: undecided, the motion had not settled when its rows were spent. "
+        "Bars: numerical uncertainty σ_num where it was studied. Outcomes of the same value "
+        "stand side by side."
+        + (" Dotted: limits of zigzag (0.1) and bump (0.9)." if response == "share" else "")
+    )
     st.markdown("**Modes**")
     chart(charts.modes(shown, x), "modes", "number of outcomes in each mode")
     with st.expander(f"The {len(shown)} outcomes"):
-        frame(shown, {
-            "outcome_id": ("outcome", ""), "pillar_radius_um": ("P_r [µm]", "%.3g"),
-            "gap_um": ("P_g [µm]", "%.3g"), "periodicity": ("N_p", ""),
-            "stiffness_set": ("set", ""), "deformation_index": ("DI", "%.4f"),
-            "cell_radius_um": ("R [µm]", "%.3g"), "migration_angle_deg": ("θ_m [°]", "%.2f"),
-            "sigma_num_deg": ("σ_num [°]", "%.2f"), "mode": ("mode", ""),
-            "status": ("status", ""), "releases": ("releases", ""),
-            "rows_total": ("rows", "")}, "outcomes")
+        frame(
+            shown,
+            {
+                "outcome_id": ("outcome", ""),
+                "pillar_radius_um": ("P_r [µm]", "%.3g"),
+                "gap_um": ("P_g [µm]", "%.3g"),
+                "periodicity": ("N_p", ""),
+                "stiffness_set": ("set", ""),
+                "deformation_index": ("DI", "%.4f"),
+                "cell_radius_um": ("R [µm]", "%.3g"),
+                "migration_angle_deg": ("θ_m [°]", "%.2f"),
+                "sigma_num_deg": ("σ_num [°]", "%.2f"),
+                "mode": ("mode", ""),
+                "status": ("status", ""),
+                "releases": ("releases", ""),
+                "rows_total": ("rows", ""),
+            },
+            "outcomes",
+        )
 
 
 def _calibration(info: models.ModelInfo) -> None:
@@ -84,12 +109,20 @@ def _calibration(info: models.ModelInfo) -> None:
     left, right = st.columns([2, 3])
     with left:
         st.markdown("**Measured deformation index → stiffness**")
-        design = st.radio("calibration", designs, key="form:calibration",
-                          help="group-velocity: each group at its own mean velocity, as in the "
-                               "source; fixed-velocity: all at one.")
+        design = st.radio(
+            "calibration",
+            designs,
+            key="form:calibration",
+            help="group-velocity: each group at its own mean velocity, as in the "
+            "source; fixed-velocity: all at one.",
+        )
         low, high = info.calibrated_range.get(design, (0.0, 1.0))
-        index = number(limits["deformation_index"], "Deformation index", "form:measured_index",
-                       round((low + high) / 2, 4))
+        index = number(
+            limits["deformation_index"],
+            "Deformation index",
+            "form:measured_index",
+            round((low + high) / 2, 4),
+        )
         st.caption(f"calibrated {low:.4f} to {high:.4f}")
         error = number(limits["error"], "± standard error", "form:measured_error", 0.002)
         spec = {"deformation_index": index, "error": error, "design": design}
@@ -99,30 +132,60 @@ def _calibration(info: models.ModelInfo) -> None:
         except ApiError as error:
             parts.show(error)
         if found is not None:
-            frame([{"modulus": label, "value": getattr(found, name),
-                    "low": getattr(found, f"{name}_low"), "high": getattr(found, f"{name}_high")}
-                   for name, label in (("ks_uN_per_m", "k_s, edge springs [µN/m]"),
-                                       ("kal_uN_per_m", "k_α, local area [µN/m]"),
-                                       ("kb_pN_um", "k_b, bending [pN·µm]"))],
-                  {"modulus": ("modulus", ""), "value": ("value", "%.4g"),
-                   "low": ("from", "%.4g"), "high": ("to", "%.4g")}, "moduli")
-            st.caption(f"Between {plain(' and '.join(found.between))}, at "
-                       f"{found.velocity_mm_s:.3g} mm/s.")
+            frame(
+                [
+                    {
+                        "modulus": label,
+                        "value": getattr(found, name),
+                        "low": getattr(found, f"{name}_low"),
+                        "high": getattr(found, f"{name}_high"),
+                    }
+                    for name, label in (
+                        ("ks_uN_per_m", "k_s, edge springs [µN/m]"),
+                        ("kal_uN_per_m", "k_α, local area [µN/m]"),
+                        ("kb_pN_um", "k_b, bending [pN·µm]"),
+                    )
+                ],
+                {
+                    "modulus": ("modulus", ""),
+                    "value": ("value", "%.4g"),
+                    "low": ("from", "%.4g"),
+                    "high": ("to", "%.4g"),
+                },
+                "moduli",
+            )
+            st.caption(
+                f"Between {plain(' and '.join(found.between))}, at {found.velocity_mm_s:.3g} mm/s."
+            )
             if found.truncated:
-                st.warning("The interval reaches the end of the calibrated range; the true one is "
-                           "wider.", icon=":material/warning:")
+                st.warning(
+                    "The interval reaches the end of the calibrated range; the true one is wider.",
+                    icon=":material/warning:",
+                )
     with right:
-        chart(charts.calibration(rows, found and found.model_dump()), "calibration",
-              "deformation index over the spring constant")
+        chart(
+            charts.calibration(rows, found and found.model_dump()),
+            "calibration",
+            "deformation index over the spring constant",
+        )
         st.caption("Bars: 95 % confidence interval of the mean over the release positions.")
     with st.expander("The calibration"):
-        frame(rows, {
-            "design": ("design", ""), "group": ("group", ""), "stiffness_set": ("set", ""),
-            "ks_uN_per_m": ("k_s [µN/m]", "%.4g"), "velocity_mm_s": ("velocity [mm/s]", "%.4g"),
-            "runs": ("runs", ""), "deformation_index": ("DI", "%.4f"),
-            "deformation_index_std": ("± [1]", "%.4f"),
-            "deformation_index_low": ("95 % from", "%.4f"),
-            "deformation_index_high": ("to", "%.4f")}, "calibration-table")
+        frame(
+            rows,
+            {
+                "design": ("design", ""),
+                "group": ("group", ""),
+                "stiffness_set": ("set", ""),
+                "ks_uN_per_m": ("k_s [µN/m]", "%.4g"),
+                "velocity_mm_s": ("velocity [mm/s]", "%.4g"),
+                "runs": ("runs", ""),
+                "deformation_index": ("DI", "%.4f"),
+                "deformation_index_std": ("± [1]", "%.4f"),
+                "deformation_index_low": ("95 % from", "%.4f"),
+                "deformation_index_high": ("to", "%.4f"),
+            },
+            "calibration-table",
+        )
 
 
 def _campaign() -> dict[str, str]:
@@ -138,11 +201,12 @@ def _predict(info: models.ModelInfo) -> None:
     left, right = st.columns([2, 3])
     with left:
         for name, label, default, whole in (
-                ("pillar_radius_um", "Pillar radius P_r", middle[0], False),
-                ("gap_um", "Gap P_g", middle[1], False),
-                ("periodicity", "Periodicity N_p [rows]", int(middle[2]), True),
-                ("deformation_index", "Deformation index", round((low + high) / 2, 4), False),
-                ("cell_radius_um", "Cell radius R", info.cell["radius_um"], False)):
+            ("pillar_radius_um", "Pillar radius P_r", middle[0], False),
+            ("gap_um", "Gap P_g", middle[1], False),
+            ("periodicity", "Periodicity N_p [rows]", int(middle[2]), True),
+            ("deformation_index", "Deformation index", round((low + high) / 2, 4), False),
+            ("cell_radius_um", "Cell radius R", info.cell["radius_um"], False),
+        ):
             limit = limits[name]
             spec[name] = number(limit, label, f"form:predict_{name}", default, whole=whole)
             note = f"allowed {parts.allowed(limit)}"
@@ -169,17 +233,32 @@ def _predict(info: models.ModelInfo) -> None:
         asked_for, found = st.session_state["prediction"]
         if asked_for != spec or found.provenance.campaign != parts.campaign():
             st.caption("The fields were changed since; press Predict again.")
-        parts.metrics((("θ_m", f"{found.angle_deg:.2f}°"),
-                       (f"{found.level:.0%} interval",
-                        f"{found.low_deg:.2f} to {found.high_deg:.2f}°"), ("mode", found.mode)))
+        parts.metrics(
+            (
+                ("θ_m", f"{found.angle_deg:.2f}°"),
+                (f"{found.level:.0%} interval", f"{found.low_deg:.2f} to {found.high_deg:.2f}°"),
+                ("mode", found.mode),
+            )
+        )
         sigma = "not studied" if found.sigma_num_deg is None else f"{found.sigma_num_deg:.2f}°"
         inside = "inside" if found.inside_domain else "**outside**"
-        st.markdown(f"Full bump: {found.bump_angle_deg:.2f}°. Numerical uncertainty σ_num: {sigma}."
-                    f" The array is {inside} the training domain.")
+        st.markdown(
+            f"Full bump: {found.bump_angle_deg:.2f}°. Numerical uncertainty σ_num: {sigma}."
+            f" The array is {inside} the training domain."
+        )
         parts.warn(w for w in found.warnings if w not in found.provenance.warnings)
-    design = {"angle_1_deg": found.angle_deg, "angle_1_low_deg": found.low_deg,
-              "angle_1_high_deg": found.high_deg, "mode_1": found.mode} | asked_for
-    chart(charts.array(design, [asked_for["cell_radius_um"]]), "predicted-array",
-          "array with the predicted mean direction")
-    st.caption("Line: predicted mean direction, shaded: its interval; the way from row to row is "
-               "not predicted. The disc has the radius of the cell.")
+    design = {
+        "angle_1_deg": found.angle_deg,
+        "angle_1_low_deg": found.low_deg,
+        "angle_1_high_deg": found.high_deg,
+        "mode_1": found.mode,
+    } | asked_for
+    chart(
+        charts.array(design, [asked_for["cell_radius_um"]]),
+        "predicted-array",
+        "array with the predicted mean direction",
+    )
+    st.caption(
+        "Line: predicted mean direction, shaded: its interval; the way from row to row is "
+        "not predicted. The disc has the radius of the cell."
+    )

@@ -44,11 +44,15 @@ def call(method: str, path: str, **more: Any) -> httpx.Response:
     try:
         answer = connect(address()).request(method, PREFIX + path, **more)
     except httpx.TimeoutException as error:
-        raise _silent(f"The service at {address()} did not answer within {TIMEOUT.read:g} s. It "
-                      "may be busy; try again.") from error
+        raise _silent(
+            f"The service at {address()} did not answer within {TIMEOUT.read:g} s. It "
+            "may be busy; try again."
+        ) from error
     except (httpx.HTTPError, httpx.InvalidURL) as error:
-        raise _silent(f"The service cannot be reached at {address()}. Start it with "
-                      "`python -m dldsim serve api`, or both parts with `make web`.") from error
+        raise _silent(
+            f"The service cannot be reached at {address()}. Start it with "
+            "`python -m dldsim serve api`, or both parts with `make web`."
+        ) from error
     if answer.is_success:
         return answer
     try:
@@ -57,7 +61,8 @@ def call(method: str, path: str, **more: Any) -> httpx.Response:
         problem = models.Problem(
             error="failed",
             message=f"{address()} answered with status {answer.status_code} and not as this "
-            "service does. Is something else at that address?")
+            "service does. Is something else at that address?",
+        )
     raise ApiError(answer.status_code, problem)
 
 
@@ -70,9 +75,14 @@ def _ask(model: type[Model], method: str, path: str, **more: Any) -> Model:
     try:
         return model.model_validate_json(answer.content)
     except ValidationError as error:
-        raise ApiError(answer.status_code, models.Problem(
-            error="failed", message=f"The answer of {address()} is not what this page expects. "
-            "Page and service are of different versions.")) from error
+        raise ApiError(
+            answer.status_code,
+            models.Problem(
+                error="failed",
+                message=f"The answer of {address()} is not what this page expects. "
+                "Page and service are of different versions.",
+            ),
+        ) from error
 
 
 def _of(campaign: str | None) -> dict[str, str]:

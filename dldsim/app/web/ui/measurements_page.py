@@ -11,10 +11,15 @@ from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number, plain
 
 COLUMNS = {
-    "pillar_radius_um": "P_r [µm]", "gap_um": "P_g [µm]", "periodicity": "N_p [rows]",
-    "deformation_index": "deformation index", "cell_radius_um": "R [µm]",
-    "migration_angle_deg": "θ [°]", "error_deg": "± [°]", "note": "note",
-}  # fmt: skip
+    "pillar_radius_um": "P_r [µm]",
+    "gap_um": "P_g [µm]",
+    "periodicity": "N_p [rows]",
+    "deformation_index": "deformation index",
+    "cell_radius_um": "R [µm]",
+    "migration_angle_deg": "θ [°]",
+    "error_deg": "± [°]",
+    "note": "note",
+}
 POLL_S = 1.5
 
 
@@ -38,47 +43,71 @@ def _remember(found: models.CampaignStatus) -> None:
 
 
 def _measurements(info: models.ModelInfo) -> None:
-    st.write("Type or paste the angles of cell types in devices that were made. The surrogate is "
-             "fitted anew to the campaign chosen at the side and these; each angle counts as one "
-             "run. The campaign itself stays as it is.")
+    st.write(
+        "Type or paste the angles of cell types in devices that were made. The surrogate is "
+        "fitted anew to the campaign chosen at the side and these; each angle counts as one "
+        "run. The campaign itself stays as it is."
+    )
     limits = {f.name: f for f in models.limits_of(models.Measurement)}
-    empty = pd.DataFrame({name: pd.Series(dtype=str if name == "note" else float)
-                          for name in COLUMNS})
+    empty = pd.DataFrame(
+        {name: pd.Series(dtype=str if name == "note" else float) for name in COLUMNS}
+    )
     table = st.data_editor(
-        empty, num_rows="dynamic", hide_index=True, key="measured", width="stretch",
-        column_config={name: _column(name, title, limits[name])
-                       for name, title in COLUMNS.items()})
-    st.caption("; ".join(f"{COLUMNS[n]}: {parts.allowed(limits[n])}" for n in COLUMNS
-                         if n != "note") + ". Angles against the flow, positive as the rows shift. "
-               "The error ± is kept with the data; the fit does not use it.")
+        empty,
+        num_rows="dynamic",
+        hide_index=True,
+        key="measured",
+        width="stretch",
+        column_config={name: _column(name, title, limits[name]) for name, title in COLUMNS.items()},
+    )
+    st.caption(
+        "; ".join(f"{COLUMNS[n]}: {parts.allowed(limits[n])}" for n in COLUMNS if n != "note")
+        + ". Angles against the flow, positive as the rows shift. "
+        "The error ± is kept with the data; the fit does not use it."
+    )
     at_field("measure", "measurements")
     whole = {f.name: f for f in models.limits_of(models.MeasurementsSpec)}
     first, second, third = st.columns(3)
     with first:
-        height = number(whole["height_um"], "Channel height", "form:measured_height",
-                        info.flow["height_um"])
-        st.caption(f"allowed {parts.allowed(whole['height_um'])}; simulated "
-                   f"{info.flow['height_um']:g} µm")
+        height = number(
+            whole["height_um"], "Channel height", "form:measured_height", info.flow["height_um"]
+        )
+        st.caption(
+            f"allowed {parts.allowed(whole['height_um'])}; simulated {info.flow['height_um']:g} µm"
+        )
         at_field("measure", "height_um")
     with second:
-        speed = number(whole["mean_velocity_mm_s"], "Mean velocity", "form:measured_velocity",
-                       info.flow["mean_velocity_mm_s"])
-        st.caption(f"allowed {parts.allowed(whole['mean_velocity_mm_s'])}; simulated "
-                   f"{info.flow['mean_velocity_mm_s']:g} mm/s")
+        speed = number(
+            whole["mean_velocity_mm_s"],
+            "Mean velocity",
+            "form:measured_velocity",
+            info.flow["mean_velocity_mm_s"],
+        )
+        st.caption(
+            f"allowed {parts.allowed(whole['mean_velocity_mm_s'])}; simulated "
+            f"{info.flow['mean_velocity_mm_s']:g} mm/s"
+        )
         at_field("measure", "mean_velocity_mm_s")
     with third:
         st.session_state.setdefault("form:measured_name", "measured")
-        name = st.text_input("Name, shown beside every answer", key="form:measured_name",
-                             max_chars=80)
+        name = st.text_input(
+            "Name, shown beside every answer", key="form:measured_name", max_chars=80
+        )
         at_field("measure", "name")
     parts.show_problem("measure")
     if not st.button("Fit with these angles", type="primary", icon=":material/model_training:"):
         return
     parts.clear("measure")
-    rows = [{k: _plain_value(k, v) for k, v in row.items() if not _missing(v)}
-            for row in table.to_dict("records")]
-    spec: dict[str, Any] = {"measurements": [r for r in rows if r], "height_um": height,
-                            "mean_velocity_mm_s": speed, "name": name}
+    rows = [
+        {k: _plain_value(k, v) for k, v in row.items() if not _missing(v)}
+        for row in table.to_dict("records")
+    ]
+    spec: dict[str, Any] = {
+        "measurements": [r for r in rows if r],
+        "height_um": height,
+        "mean_velocity_mm_s": speed,
+        "name": name,
+    }
     if parts.campaign():
         spec["campaign"] = parts.campaign()
     try:
@@ -93,8 +122,12 @@ def _column(name: str, title: str, limit: models.FieldLimit):
     if name == "note":
         return st.column_config.TextColumn(title, help=about, max_chars=200)
     return st.column_config.NumberColumn(
-        title, help=about, min_value=limit.minimum, max_value=limit.maximum,
-        step=1 if name == "periodicity" else None)  # were any required, such rows would be lost
+        title,
+        help=about,
+        min_value=limit.minimum,
+        max_value=limit.maximum,
+        step=1 if name == "periodicity" else None,
+    )  # were any required, such rows would be lost
 
 
 def _missing(value: Any) -> bool:
@@ -110,18 +143,22 @@ def _plain_value(name: str, value: Any) -> Any:
 
 def _upload(info: models.ModelInfo) -> None:
     most = int(info.limits.get("upload_max_bytes", 0)) or None
-    st.write("Bring the table `outcomes` that a campaign of your own wrote, as CSV or Parquet. Its "
-             "columns are checked, and a surrogate is fitted to it. With its `calibration` cell "
-             "types can be named by stiffness set and designs be verified; with its `flows` "
-             "pressure drops are known.")
+    st.write(
+        "Bring the table `outcomes` that a campaign of your own wrote, as CSV or Parquet. Its "
+        "columns are checked, and a surrogate is fitted to it. With its `calibration` cell "
+        "types can be named by stiffness set and designs be verified; with its `flows` "
+        "pressure drops are known."
+    )
     megabytes = most and max(1, most // 1024**2)
     files = {}
     for kind, column in zip(("outcomes", "calibration", "flows"), st.columns(3), strict=True):
         with column:
             given = st.file_uploader(
                 kind if kind == "outcomes" else f"{kind}, if wanted",
-                type=["csv", "txt", "tsv", "parquet"], key=f"upload_{kind}",
-                max_upload_size=megabytes)
+                type=["csv", "txt", "tsv", "parquet"],
+                key=f"upload_{kind}",
+                max_upload_size=megabytes,
+            )
             if given is not None:
                 files[kind] = (given.name, given.getvalue())
             at_field("upload", kind)
@@ -132,8 +169,9 @@ def _upload(info: models.ModelInfo) -> None:
     name = st.text_input("Name, shown beside every answer", key="form:upload_name", max_chars=80)
     at_field("upload", "name")
     parts.show_problem("upload")
-    if st.button("Upload and fit", type="primary", icon=":material/upload:",
-                 disabled="outcomes" not in files):
+    if st.button(
+        "Upload and fit", type="primary", icon=":material/upload:", disabled="outcomes" not in files
+    ):
         parts.clear("upload")
         try:
             _remember(client.upload(name, files))
@@ -172,29 +210,47 @@ def _fitting(identifier: str) -> None:
         if status.state == "ready":
             st.session_state.setdefault("campaigns", {})[identifier] = status.name
         st.rerun()
-    st.info(f"**{plain(status.name)}**: {'waiting' if status.state == 'queued' else 'fitting'}, "
-            f"{status.rows} rows. Fitting takes a minute or so.", icon=":material/hourglass_top:")
+    st.info(
+        f"**{plain(status.name)}**: {'waiting' if status.state == 'queued' else 'fitting'}, "
+        f"{status.rows} rows. Fitting takes a minute or so.",
+        icon=":material/hourglass_top:",
+    )
 
 
 def _campaign(status: models.CampaignStatus) -> None:
     with st.container(border=True):
         if status.state != "ready":
-            st.error(f"**{plain(status.name)}** could not be used: "
-                     f"{plain(status.error or status.state)}", icon=":material/error:")
+            st.error(
+                f"**{plain(status.name)}** could not be used: "
+                f"{plain(status.error or status.state)}",
+                icon=":material/error:",
+            )
         else:
             used = parts.campaign() == status.id
-            st.success(f"**{plain(status.name)}** is ready: {status.rows} rows."
-                       + (" Answers come from it." if used else ""), icon=":material/check_circle:")
+            st.success(
+                f"**{plain(status.name)}** is ready: {status.rows} rows."
+                + (" Answers come from it." if used else ""),
+                icon=":material/check_circle:",
+            )
             if status.found:
                 st.caption("Read as: " + plain("; ".join(status.found)) + ".")
             _scores(status)
         with st.container(horizontal=True):
             if status.state == "ready" and parts.campaign() != status.id:
-                st.button("Use it", key=f"use-{status.id}", type="primary",
-                          on_click=parts.use_campaign, args=(status.id,))
+                st.button(
+                    "Use it",
+                    key=f"use-{status.id}",
+                    type="primary",
+                    on_click=parts.use_campaign,
+                    args=(status.id,),
+                )
             if parts.campaign() == status.id:
-                st.button("Use the service's own again", key=f"own-{status.id}",
-                          on_click=parts.use_campaign, args=(None,))
+                st.button(
+                    "Use the service's own again",
+                    key=f"own-{status.id}",
+                    on_click=parts.use_campaign,
+                    args=(None,),
+                )
             if st.button("Delete it", key=f"delete-{status.id}", icon=":material/delete:"):
                 try:
                     client.forget(status.id)
@@ -222,11 +278,26 @@ def _scores(status: models.CampaignStatus) -> None:
     except ApiError:  # the service may have none of its own
         own = {}
     found = status.provenance.scores_by_geometry if status.provenance else {}
-    rows = [{"surrogate": label, "rmse": s["rmse_deg"], "median": s["median_absolute_error_deg"],
-             "r2": s["r2"], "count": s["predictions"]}
-            for label, s in ((status.name, found), ("the service's own", own)) if "rmse_deg" in s]
+    rows = [
+        {
+            "surrogate": label,
+            "rmse": s["rmse_deg"],
+            "median": s["median_absolute_error_deg"],
+            "r2": s["r2"],
+            "count": s["predictions"],
+        }
+        for label, s in ((status.name, found), ("the service's own", own))
+        if "rmse_deg" in s
+    ]
     if rows:
-        parts.frame(rows, {
-            "surrogate": ("error on arrays held out", ""), "rmse": ("root mean square [°]", "%.2f"),
-            "median": ("median [°]", "%.2f"), "r2": ("R²", "%.3f"),
-            "count": ("predictions", "")}, f"scores-{status.id}")
+        parts.frame(
+            rows,
+            {
+                "surrogate": ("error on arrays held out", ""),
+                "rmse": ("root mean square [°]", "%.2f"),
+                "median": ("median [°]", "%.2f"),
+                "r2": ("R²", "%.3f"),
+                "count": ("predictions", ""),
+            },
+            f"scores-{status.id}",
+        )

@@ -12,9 +12,15 @@ from dldsim.app.web.api import models
 from dldsim.app.web.ui import client
 from dldsim.app.web.ui.client import ApiError
 
-STEP = {"deformation_index": 0.001, "deformation_index_std": 0.001, "error": 0.001, "level": 0.05,
-        **dict.fromkeys(("radius_um", "cell_radius_um", "pillar_radius_um", "gap_um",
-                         "tolerance_um"), 0.1)}
+STEP = {
+    "deformation_index": 0.001,
+    "deformation_index_std": 0.001,
+    "error": 0.001,
+    "level": 0.05,
+    **dict.fromkeys(
+        ("radius_um", "cell_radius_um", "pillar_radius_um", "gap_um", "tolerance_um"), 0.1
+    ),
+}
 FORMAT = {0.001: "%.4f", 0.1: "%.2f", 0.05: "%.2f"}
 KEPT_S = 30
 
@@ -23,8 +29,9 @@ def plain(text: str) -> str:
     """Text of others as it is: nothing in it is taken for markup, but for code."""
     marks = r"([\\*_{}\[\]()#+\-.!|~<>$:&])"
     pieces = re.split(r"(`[^`]*`)", text)
-    return "".join(piece if k % 2 else re.sub(marks, r"\\\1", piece)
-                   for k, piece in enumerate(pieces))
+    return "".join(
+        piece if k % 2 else re.sub(marks, r"\\\1", piece) for k, piece in enumerate(pieces)
+    )
 
 
 def campaign() -> str | None:
@@ -65,16 +72,23 @@ def show(error: ApiError) -> None:
     """A refusal: what is wrong, field by field, and what to do."""
     problem = error.problem
     title = {
-        "invalid": "The request was refused", "infeasible": "This request cannot be met",
-        "busy": "The service is busy", "unreachable": "The service does not answer",
-        "unhealthy": "The service cannot answer now", "too-large": "This is too large",
-        "not-found": "Not found", "not-ready": "Not ready yet",
+        "invalid": "The request was refused",
+        "infeasible": "This request cannot be met",
+        "busy": "The service is busy",
+        "unreachable": "The service does not answer",
+        "unhealthy": "The service cannot answer now",
+        "too-large": "This is too large",
+        "not-found": "Not found",
+        "not-ready": "Not ready yet",
         "not-available": "Not available",
-    }.get(problem.error, "This did not work")  # fmt: skip
+    }.get(problem.error, "This did not work")
     # a sentence of its own for each field; the message repeats them in one line
     sentences = list(dict.fromkeys(f.message for f in problem.fields)) or [problem.message]
-    text = f"**{title}.** " + (plain(sentences[0]) if len(sentences) == 1 else
-                               "\n" + "\n".join(f"- {plain(s)}" for s in sentences))
+    text = f"**{title}.** " + (
+        plain(sentences[0])
+        if len(sentences) == 1
+        else "\n" + "\n".join(f"- {plain(s)}" for s in sentences)
+    )
     if problem.retry_after_s is not None and "Try again" not in problem.message:
         text += f" Try again in {problem.retry_after_s} s."
     st.error(text, icon=":material/error:")
@@ -87,8 +101,11 @@ def at_field(place: str, *names: str) -> None:
     messages = [f.message for f in fields]
     for field in fields:
         if field.field.split(".")[0] in names:
-            text = plain(field.message) if messages.count(field.message) == 1 else (
-                "named in the refusal below")
+            text = (
+                plain(field.message)
+                if messages.count(field.message) == 1
+                else ("named in the refusal below")
+            )
             st.markdown(f":red[:material/error: {text}]")
 
 
@@ -106,9 +123,19 @@ def allowed(field: models.FieldLimit, most: float | None = None) -> str:
     return f"{'above ' if field.exclusive_minimum else ''}{low:g} to {high:g}{unit}"
 
 
-def number(field: models.FieldLimit, label: str, key: str, default: float | None, *,
-           high: float | None = None, whole: bool = False, slider: bool = False,
-           empty: str | None = None, about: str = "", disabled: bool = False) -> float | None:
+def number(
+    field: models.FieldLimit,
+    label: str,
+    key: str,
+    default: float | None,
+    *,
+    high: float | None = None,
+    whole: bool = False,
+    slider: bool = False,
+    empty: str | None = None,
+    about: str = "",
+    disabled: bool = False,
+) -> float | None:
     """A number field with unit and allowed range; `empty`: what leaving it out means.
 
     Its value is kept in the session as `key`, which begins with "form:".
@@ -127,14 +154,23 @@ def number(field: models.FieldLimit, label: str, key: str, default: float | None
         st.session_state[key] = kind(value if most is None else min(value, most))
     unit = f" [{field.unit}]" if field.unit else ""
     words = [(about or field.description) + ".", f"Allowed: {allowed(field, most)}."]
-    common = {"key": key, "disabled": disabled, "help": plain(" ".join(
-        words + ([f"Empty: {empty}."] if empty else [])))}
+    common = {
+        "key": key,
+        "disabled": disabled,
+        "help": plain(" ".join(words + ([f"Empty: {empty}."] if empty else []))),
+    }
     if slider:
         return st.slider(f"{label}{unit}", low, most, step=kind(step), **common)
     if empty is not None:
         common |= {"value": None, "placeholder": empty}
-    return st.number_input(f"{label}{unit}", low, most, step=kind(step),
-                           format=None if whole else FORMAT.get(step, "%g"), **common)
+    return st.number_input(
+        f"{label}{unit}",
+        low,
+        most,
+        step=kind(step),
+        format=None if whole else FORMAT.get(step, "%g"),
+        **common,
+    )
 
 
 def survive() -> None:
@@ -148,9 +184,22 @@ def survive() -> None:
 
 
 def chart(figure: go.Figure, key: str, alt: str) -> None:
-    st.plotly_chart(figure, theme=None, key=key, alt=alt,
-                    config={"displaylogo": False, "modeBarButtonsToRemove": [
-                        "lasso2d", "select2d", "zoomIn2d", "zoomOut2d", "autoScale2d"]})
+    st.plotly_chart(
+        figure,
+        theme=None,
+        key=key,
+        alt=alt,
+        config={
+            "displaylogo": False,
+            "modeBarButtonsToRemove": [
+                "lasso2d",
+                "select2d",
+                "zoomIn2d",
+                "zoomOut2d",
+                "autoScale2d",
+            ],
+        },
+    )
 
 
 def metrics(values: Iterable[tuple[str, str]]) -> None:
@@ -160,13 +209,23 @@ def metrics(values: Iterable[tuple[str, str]]) -> None:
             st.metric(label, value, width="content")
 
 
-def frame(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, str]],
-          key: str) -> None:
+def frame(
+    rows: Sequence[Mapping[str, Any]], columns: Mapping[str, tuple[str, str]], key: str
+) -> None:
     """A table; `columns`: name → (title with unit, number format or empty)."""
     shown = pd.DataFrame([{n: r[n] for n in columns} for r in rows], columns=list(columns))
-    st.dataframe(shown, hide_index=True, key=key, width="stretch", column_config={
-        name: st.column_config.NumberColumn(title, format=form) if form
-        else st.column_config.Column(title) for name, (title, form) in columns.items()})
+    st.dataframe(
+        shown,
+        hide_index=True,
+        key=key,
+        width="stretch",
+        column_config={
+            name: st.column_config.NumberColumn(title, format=form)
+            if form
+            else st.column_config.Column(title)
+            for name, (title, form) in columns.items()
+        },
+    )
 
 
 def read_model() -> models.ModelInfo:
@@ -214,10 +273,13 @@ def sidebar() -> None:
         if campaign() not in known:
             known[campaign()] = "campaign"
         chosen = st.selectbox(
-            "Answers come from", list(known), index=list(known).index(campaign()),
+            "Answers come from",
+            list(known),
+            index=list(known).index(campaign()),
             format_func=lambda i: known[i] if i is None else f"{known[i]} ({i[:8]})",
             help="Campaigns that you upload, or measurements that you add, on the third page "
-                 "appear here. The address of this page keeps the one in use.")
+            "appear here. The address of this page keeps the one in use.",
+        )
         if chosen != campaign():
             use_campaign(chosen)
             st.rerun()
@@ -231,17 +293,24 @@ def _health() -> None:
         st.error(plain(error.problem.message), icon=":material/cloud_off:")
         return
     if found.status == "healthy":
-        st.markdown(f":green[:material/check_circle:] Service healthy · {found.running} running, "
-                    f"{found.queued} waiting")
+        st.markdown(
+            f":green[:material/check_circle:] Service healthy · {found.running} running, "
+            f"{found.queued} waiting"
+        )
     else:
-        st.error("Service unhealthy\n\n" + "\n".join(f"- {plain(p)}" for p in found.problems),
-                 icon=":material/warning:")
+        st.error(
+            "Service unhealthy\n\n" + "\n".join(f"- {plain(p)}" for p in found.problems),
+            icon=":material/warning:",
+        )
 
 
 def provenance(found: models.Provenance) -> None:
     """Where the numbers of this page come from."""
-    origin = {"tracked": "simulations tracked with the service", "uploaded": "uploaded by a user",
-              "measurements": "simulations and measured angles"}[found.origin]
+    origin = {
+        "tracked": "simulations tracked with the service",
+        "uploaded": "uploaded by a user",
+        "measurements": "simulations and measured angles",
+    }[found.origin]
     if found.holds_for:
         st.markdown(f"Holds for {plain(found.holds_for)}.")
     measured = f", {found.measured} of them measured on devices" if found.measured else ""
@@ -249,22 +318,25 @@ def provenance(found: models.Provenance) -> None:
         f":material/database: **{plain(found.campaign_name)}** ({origin}): {found.outcomes} "
         f"outcomes, {found.used} learnt from{measured}, {found.geometries} arrays · physics "
         f"version {found.physics_version} · dldsim {plain(found.dldsim_version)} · model "
-        f"`{found.model_sha256[:12] or 'none'}`")
+        f"`{found.model_sha256[:12] or 'none'}`"
+    )
     for warning in found.warnings:
         st.caption(f":material/warning: {plain(warning)}")
     with st.expander("Provenance"):
         scores = found.scores_by_geometry
         rows = {
-            "data learnt from, SHA-256": found.outcomes_sha256, "surrogate, SHA-256":
-            found.model_sha256, "fitted by": ", ".join(f"{k} {v}" for k, v in
-                                                       found.fitted_by.items()),
+            "data learnt from, SHA-256": found.outcomes_sha256,
+            "surrogate, SHA-256": found.model_sha256,
+            "fitted by": ", ".join(f"{k} {v}" for k, v in found.fitted_by.items()),
             "campaign id": found.campaign or "the service's own",
             "settings of this result, hash": found.config_hash,
             "seed of this result": found.seed,
             "error on arrays held out": f"root mean square {scores['rmse_deg']:.2f}°, median "
             f"{scores['median_absolute_error_deg']:.2f}°, R² {scores['r2']:.3f}, "
-            f"{scores['predictions']} predictions" if "rmse_deg" in scores else None,
-        }  # fmt: skip
+            f"{scores['predictions']} predictions"
+            if "rmse_deg" in scores
+            else None,
+        }
         st.table(pd.Series({k: str(v) for k, v in rows.items() if v is not None}, name="value"))
 
 
