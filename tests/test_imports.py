@@ -57,6 +57,7 @@ LIGHT = {
             "campaign",
         )
     ),
+    "dldsim.tables.numerics",
     "dldsim.analysis.uncertainty",
     "dldsim.evidence.accuracy",
     "dldsim.evidence.reference",

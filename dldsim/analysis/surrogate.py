@@ -409,8 +409,8 @@ def _coverage(level: float, found: pd.DataFrame) -> dict[str, float | int]:
 def _numerical_uncertainty(data: pd.DataFrame) -> dict[str, Any]:
     """Root mean square of σ_num / bump angle of what was learnt from, by mode after its angle."""
     if "sigma_num_deg" not in data or data["sigma_num_deg"].isna().all():
-        bases = data["sigma_num_basis"].unique().tolist() if "sigma_num_basis" in data else []
-        return {"share_by_mode": {}, "outcomes": 0, "basis": bases}
+        kinds = sorted(data["sigma_num_kind"].unique()) if "sigma_num_kind" in data else []
+        return {"share_by_mode": {}, "outcomes": 0, "basis": kinds}
     known = data[data["sigma_num_deg"].notna()]
     mode = [mode_of(a, 1 / n) for a, n in zip(known[ANGLE], known["periodicity"], strict=True)]
     square = (known["sigma_num_deg"] / np.degrees(np.arctan(1 / known["periodicity"]))) ** 2
@@ -418,7 +418,7 @@ def _numerical_uncertainty(data: pd.DataFrame) -> dict[str, Any]:
     return {
         "share_by_mode": shares.to_dict(),
         "outcomes": len(known),
-        "basis": sorted(known["sigma_num_basis"].str.partition(":")[0].unique()),
+        "basis": sorted(known["sigma_num_kind"].unique()),
     }
 
 

@@ -26,6 +26,7 @@ from typing import Any
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.provenance import settings_hash
 from dldsim.errors import DldsimError
+from dldsim.tables.numerics import settings_of
 from dldsim.vocabulary import SETTLED
 
 Row = Mapping[str, Any]
@@ -43,7 +44,7 @@ CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s")
 RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
 SPANS, NO_ANGLE = "spans the modes", "no angle"
-"""How the text beside a σ_num begins."""
+"""Kinds of σ_num, column `sigma_num_kind`."""
 DECIDED, BUMP = "decided", "bump"
 OPEN = ("undecided", "coexisting")
 """Outcomes whose mode depends on what was not seen, or on the place of entry."""
@@ -91,7 +92,10 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
     safe side. Raises DldsimError for pairs whose numerics
     differ, without pairs, and for a reference on no finer lattice, whose error would be none.
     """
-    made_with = {row["numerics"] for row, _ in pairs}
+    made_with: list[dict[str, Any]] = []
+    for row, _ in pairs:
+        if (numerics := settings_of(row)) not in made_with:
+            made_with.append(numerics)
     if len(made_with) != 1:
         raise DldsimError(
             f"σ_num: {len(pairs)} pairs with {len(made_with)} different numerics; "
@@ -122,7 +126,7 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
         "physics_version": PHYSICS_VERSION,
         "distance": {side: spread(errors) for side, errors in distances.items()},
         "share": spread(shares),
-        "numerics": json.loads(*made_with),
+        "numerics": made_with[0],
         "spacing_ratio": [min(ratios), max(ratios)] if ratios else None,
         "conditions": {key: rows[0][key] for key in CONDITIONS},
         "ranges": {key: [min(r[key] for r in rows), max(r[key] for r in rows)] for key in RANGES},
@@ -151,8 +155,8 @@ def error_of(row: Row, reference: Row) -> float | None:
     return None if None in angles else angles[0] - angles[1]
 
 
-def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[float | None, str]:
-    """σ_num [°] of a row of `outcomes`, or of `runs`, and on what it rests.
+def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> dict[str, Any]:
+    """σ_num [°] of a row of `outcomes`, or of `runs`, and on what it rests: columns SIGMA.
 
     Where the outcome is not decided it is half the interval and half the bump angle, whatever is
     known of the numerics. Otherwise None without an angle or a model, for another physics version,
@@ -161,42 +165,42 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
     transition distance is unknown or at odds with the mode, p = ½ and Δ is the bump angle.
     """
     if row["migration_angle_deg"] is None:
-        return None, NO_ANGLE
+        return _found(None, NO_ANGLE)
     bump, low, high = (row[key] for key in ("bump_angle_deg", "angle_low_deg", "angle_high_deg"))
     interval = 0.0 if None in (low, high) else (high - low) / 2 / OF_95_PERCENT
     if row["status"] not in KNOWN:
-        return math.hypot(interval, bump / 2), f"{SPANS}: {row['status']}"
+        return _found(math.hypot(interval, bump / 2), SPANS, row["status"], True)
     if model is None:
-        return None, f"{NOT_STUDIED}: no reference is installed"
+        return _found(None, NOT_STUDIED, "no reference is installed")
     if model["physics_version"] != PHYSICS_VERSION:
-        return None, (
-            f"{NOT_STUDIED}: the study is of physics version "
-            f"{model['physics_version']}, this is {PHYSICS_VERSION}"
+        return _found(
+            None,
+            NOT_STUDIED,
+            f"the study is of physics version {model['physics_version']}, this is "
+            f"{PHYSICS_VERSION}",
         )
-    if other := _differing(model["numerics"], json.loads(row["numerics"])):
-        return None, f"{NOT_STUDIED}: {', '.join(other)}"
+    if other := _differing(model["numerics"], settings_of(row)):
+        return _found(None, NOT_STUDIED, ", ".join(other))
     studied, share = model["distance"][_side(row)], model["share"]["value"]
     sigma_distance = studied["value"]
     if not sigma_distance or share is None:
-        return None, f"{NOT_STUDIED}: the study has too few pairs with {_side(row)}"
+        return _found(None, NOT_STUDIED, f"the study has too few pairs with {_side(row)}")
     distance = row["transition_distance"]
     if distance is None:
-        chance, step, why = 0.5, bump, f"{SPANS}, its distance from the transition is unknown"
+        chance, step, why = 0.5, bump, "its distance from the transition is unknown"
     elif distance > 0 and not _bumps(row) or distance < 0 and _bumps(row):
-        chance, step, why = (
-            0.5,
-            bump,
-            (f"{SPANS}, mode {row['mode']} contradicts the transition distance {distance:.2g}"),
-        )
+        chance, step = 0.5, bump
+        why = f"mode {row['mode']} contradicts the transition distance {distance:.2g}"
     else:
         chance = mode_probability(distance, sigma_distance)
         angle = row["migration_angle_deg"]
         step = angle if _bumps(row) else bump - angle
-        open_mode = f"{SPANS}, " if chance >= OPEN_FROM else ""
         why = (
-            f"{open_mode}{abs(distance) / sigma_distance:.1f} σ from the transition, "
+            f"{abs(distance) / sigma_distance:.1f} σ from the transition, "
             f"{studied['pairs']} studied pairs with {_side(row)}"
         )
+    if is_open := chance >= OPEN_FROM:
+        why = f"{SPANS}, {why}"
     sigma = math.sqrt(interval**2 + (share * bump) ** 2 + step_variance(chance) * step**2)
     beyond = _differing(model["conditions"], row) + [
         f"{key} = {row[key]:g} (studied {low:g} to {high:g})"
@@ -204,8 +208,19 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> tuple[fl
         if not low <= row[key] <= high
     ]
     if beyond:
-        return sigma, f"{EXTRAPOLATED}: {', '.join(beyond)}; {why}"
-    return sigma, f"{MODELLED}: {why}"
+        return _found(sigma, EXTRAPOLATED, f"{', '.join(beyond)}; {why}", is_open)
+    return _found(sigma, MODELLED, why, is_open)
+
+
+SIGMA = ("sigma_num_deg", "sigma_num_kind", "mode_open", "sigma_num_basis")
+"""Columns of `outcomes` about σ_num."""
+
+
+def _found(
+    sigma_deg: float | None, kind: str, why: str = "", mode_open: bool | None = None
+) -> dict[str, Any]:
+    basis = f"{kind}: {why}" if why else kind
+    return dict(zip(SIGMA, (sigma_deg, kind, mode_open, basis), strict=True))
 
 
 def _differing(studied: Mapping, found: Mapping) -> list[str]:
@@ -217,13 +232,14 @@ def _differing(studied: Mapping, found: Mapping) -> list[str]:
 
 
 def with_uncertainty(outcomes, model: Mapping[str, Any] | None):
-    """A DataFrame of `outcomes` with its columns sigma_num_deg and sigma_num_basis filled."""
+    """A DataFrame of `outcomes` with its columns SIGMA filled."""
     rows = outcomes.astype(object).where(outcomes.notna(), None).to_dict("records")
     found = [numerical_uncertainty(row, model) for row in rows]
-    return outcomes.assign(
-        sigma_num_deg=[float("nan") if sigma is None else sigma for sigma, _ in found],
-        sigma_num_basis=[basis for _, basis in found],
-    )
+    columns = {name: [values[name] for values in found] for name in SIGMA}
+    columns["sigma_num_deg"] = [
+        float("nan") if sigma is None else sigma for sigma in columns["sigma_num_deg"]
+    ]
+    return outcomes.assign(**columns)
 
 
 # ------------------------------------------------------------------------------------ is it true?
@@ -237,7 +253,8 @@ COVERAGE_MARK = 0.9
 def check_row(row: Row, reference: Row, model: Mapping[str, Any] | None) -> dict[str, Any]:
     """Row of `reference_check`: an outcome beside its reference."""
     error = error_of(row, reference)
-    sigma, basis = numerical_uncertainty(row, model)
+    found = numerical_uncertainty(row, model)
+    sigma, basis = found["sigma_num_deg"], found["sigma_num_basis"]
     ratio = abs(error) / sigma if error is not None and sigma else None
     return {
         **{key: row[key] for key in COPIED},

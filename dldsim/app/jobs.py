@@ -15,6 +15,7 @@ from typing import TextIO
 
 import numpy as np
 
+from dldsim.analysis import uncertainty
 from dldsim.config import campaign, identifiers
 from dldsim.config.configuration import sections_from
 from dldsim.config.provenance import provenance
@@ -182,7 +183,8 @@ def outcome_job(
         done = kept.finished(control.release_gap_fractions).values()
         known |= {
             "mode": "none",
-            "sigma_num_basis": "no angle",
+            "sigma_num_kind": uncertainty.NO_ANGLE,
+            "sigma_num_basis": uncertainty.NO_ANGLE,
             "left_out": "",
             "releases": len(done),
             "rows_total": sum(r.row["rows_completed"] for r in done),
@@ -279,7 +281,6 @@ def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
         "orbit_rows": 0,
         "lateral_steps_um": [],
         "left_out": "",
-        "details": "{}",
     }
 
 

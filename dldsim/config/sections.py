@@ -134,7 +134,12 @@ class Numerics(Section):
     """How the equations are solved."""
 
     spacing_um: float = Field(1.25, ge=0.01, le=100, description="largest lattice spacing wanted")
-    velocity_lu: float = Field(0.025, ge=1e-6, le=0.1, description="mean velocity in lattice units")
+    velocity_lu: float = Field(
+        0.025,
+        ge=1e-6,
+        le=0.1,
+        description="mean velocity in lattice units wanted; lower where the step is shortened",
+    )
     relaxation_time: float = Field(3.0, ge=0.501, le=3, description="τ of the shear stress")
     reynolds_max: float = Field(
         0.15,
@@ -147,7 +152,9 @@ class Numerics(Section):
     inertia: Literal["stokes", "navier-stokes"] = Field(
         "stokes", description="equilibrium without or with the quadratic (convective) term"
     )
-    precision: Literal["float32", "float64"] = Field("float32", description="of the populations")
+    precision: Literal["float32", "float64"] = Field(
+        "float32", description="floating-point type of the populations"
+    )
     bounce_back: Literal["half-way", "interpolated"] = Field(
         "interpolated", description="treatment of the pillar surface"
     )

@@ -1,6 +1,5 @@
 """The campaign that designs are made from: its tables, its surrogate, and what they hold for."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,11 +12,13 @@ from dldsim.analysis import surrogate
 from dldsim.analysis.regressors import INPUTS
 from dldsim.config.configuration import Partial, Sweep
 from dldsim.config.design_sections import DesignRequest, Device
-from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
+from dldsim.config.explain import validate
+from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Section, Stiffness
 from dldsim.design.chip import Chip, Resistance
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 from dldsim.files import atomic_path
+from dldsim.tables.numerics import COLUMN_OF, settings_of
 from dldsim.tables.parquet import describe, read_table, write_table
 
 CAMPAIGN_DATA = Path(__file__).parents[1] / "data" / "campaign"
@@ -216,7 +217,8 @@ def with_measurements(
                 "row_shift_fraction": 1 / given["periodicity"],
                 "bump_angle_deg": bump,
                 **{n: outcomes[n].iloc[0] for n in ("cell_shape", *conditions_)},
-                "sigma_num_basis": "measured",
+                "sigma_num_kind": MEASURED,
+                "sigma_num_basis": MEASURED,
             }
         )
     return pd.concat(
@@ -276,48 +278,60 @@ def settings_of_outcomes(
 ) -> dict[str, Any]:
     """Sections cell, flow, numerics and stiffness_sets as a table of outcomes tells them.
 
-    The viscosity is that of the capillary number Ca = μU/k_s. Raises DldsimError for mixed ones.
+    The viscosity is that of the capillary number Ca = μU/k_s. Raises DldsimError for mixed ones,
+    and for values that no configuration can have.
     """
-    for name in (
-        "cell_shape",
-        "cell_radius_um",
-        "height_um",
-        "mean_velocity_mm_s",
-        "numerics",
-        "release_axis",
-    ):
+    for name in (*CELL_COLUMNS.values(), *FLOW_COLUMNS, *COLUMN_OF.values()):
         if outcomes[name].nunique() != 1:
             raise DldsimError(
                 f"The table of outcomes mixes several values of {name}: designs are "
-                "made from outcomes of one cell, channel and velocity."
+                "made from outcomes of one cell, channel and velocity.",
+                key=name,
+                allowed="one value",
             )
     done = outcomes[outcomes["capillary_number"].notna()]
     if done.empty:
         raise DldsimError("The table of outcomes has no run that was simulated.")
     first = done.iloc[0]
-    asked = json.loads(first["numerics"])
-    velocity = float(first["mean_velocity_mm_s"])
-    viscosity = float(first["capillary_number"] * first["ks_uN_per_m"] / velocity)
-    drive = flows["drive"].iloc[0] if flows is not None and len(flows) else "no-lateral-flux"
+    flow = {name: first[name] for name in FLOW_COLUMNS}
+    viscosity = first["capillary_number"] * first["ks_uN_per_m"] / flow["mean_velocity_mm_s"]
+    flow["viscosity_mPa_s"] = round(float(viscosity), 9)
+    if flows is not None and len(flows):
+        flow["drive"] = flows["drive"].iloc[0]
+    cell = {name: first[column] for name, column in CELL_COLUMNS.items()}
     names = list(Stiffness.model_fields)
     sets = done.drop_duplicates("stiffness_set").set_index("stiffness_set")[names]
     return {
-        "cell": CellShape(
-            shape=first["cell_shape"],
-            radius_um=float(first["cell_radius_um"]),
-            axis=first["release_axis"],
-        ).model_dump(),
-        "flow": Flow(
-            mean_velocity_mm_s=velocity,
-            viscosity_mPa_s=round(viscosity, 9),
-            height_um=float(first["height_um"]),
-            drive=drive,
-        ).model_dump(),
-        "numerics": Numerics(**{key: asked[key] for key in Numerics.model_fields}).model_dump(),
+        "cell": _section(CellShape, cell, CELL_COLUMNS),
+        "flow": _section(Flow, flow, {"viscosity_mPa_s": "capillary_number"}),
+        "numerics": _section(Numerics, settings_of(first), COLUMN_OF),
         "stiffness_sets": {
             str(k): {n: float(v) for n, v in row.items()} for k, row in sets.iterrows()
         },
     }
+
+
+CELL_COLUMNS = {"shape": "cell_shape", "radius_um": "cell_radius_um", "axis": "release_axis"}
+"""Column of each setting of the cell that `outcomes` tells."""
+FLOW_COLUMNS = ("height_um", "mean_velocity_mm_s")
+"""Settings of the flow that are columns of `outcomes` by the same name."""
+
+
+def _section(model: type[Section], values: Mapping, columns: Mapping[str, str]) -> dict[str, Any]:
+    """A section as plain values; ``columns``: that of each setting, if it has another name."""
+    try:
+        plain = {k: v.item() if hasattr(v, "item") else v for k, v in values.items()}
+        return validate(model, plain).model_dump()
+    except DldsimError as error:
+        fault = error.faults[0]
+        column = columns.get(fault.key, fault.key)
+        raise DldsimError(
+            f"The table of outcomes: column {column} gives {fault.key} = {fault.value}; allowed "
+            f"{fault.allowed}.",
+            key=column,
+            value=fault.value,
+            allowed=fault.allowed,
+        ) from error
 
 
 if __name__ == "__main__":

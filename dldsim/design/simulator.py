@@ -69,13 +69,11 @@ class Simulator:
         if not (shapes.exists() and made_with(files.outcome, digest)):
             self._simulate(geometry, population, scene, name, settings)
         [row] = read_rows("outcomes", files.outcome)
-        sigma, basis = uncertainty.numerical_uncertainty(row, self.model)
         return {
             **row,
             "deformation_index": population.deformation_index,
             "deformation_index_std": population.deformation_index_std,
-            "sigma_num_deg": sigma,
-            "sigma_num_basis": basis,
+            **uncertainty.numerical_uncertainty(row, self.model),
         }
 
     def name(

@@ -129,11 +129,6 @@ def towards(order: float, difference: float) -> float:
     return math.copysign(difference, difference * order)
 
 
-def open_mode(row: Mapping[str, Any]) -> bool:
-    """Whether the numerical uncertainty of a decided outcome reaches the other mode."""
-    return uncertainty.SPANS in (row.get("sigma_num_basis") or "")
-
-
 def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
     """Whether two outcomes part the cells from every place of release.
 
@@ -152,7 +147,7 @@ def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
         return False
     if sigma_deg is None or abs(difference) > SIGMAS * sigma_deg:
         return None if sigma_deg is None else True
-    return None if any(map(open_mode, found)) else False
+    return None if any(row["mode_open"] for row in found) else False
 
 
 def separated(

@@ -6,7 +6,6 @@ differ by, the setting is not to blame for. Stopping earlier needs no run of its
 on one long run.
 """
 
-import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -228,6 +227,15 @@ def half_width(row: Mapping[str, Any]) -> float | None:
     return None if None in ends else (ends[1] - ends[0]) / 2
 
 
+def in_words(value: Any) -> str:
+    """A value as in a configuration file; of several settings, with their names."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} = {in_words(of)}" for name, of in value.items())
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
 def _points(run: str, quantity: str, runs: Mapping, config: Config) -> list[dict]:
     """The points of one case, those of a knob in the order of its values."""
     study = getattr(config.accuracy, quantity)
@@ -241,7 +249,7 @@ def _points(run: str, quantity: str, runs: Mapping, config: Config) -> list[dict
             "kind": kind,
             "knob": knob,
             "rank": rank,
-            "setting": json.dumps(value),
+            "setting": in_words(value),
             "is_default": is_default,
             "is_reference": is_reference,
         } | _mean(rows, quantity)

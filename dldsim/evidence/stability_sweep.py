@@ -6,7 +6,6 @@ the step given as well, to see whether the refusal was right.
 """
 
 import difflib
-import json
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
@@ -293,8 +292,7 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
         ).row
     except DldsimError as error:
         return row | {"outcome": "refused", "reason": str(error)}
-    record = json.loads(result["details"])
-    asked = {f"margin_{m}": record[f"margin_{m}"] for m in MARGINS}
+    asked = {f"margin_{m}": result[f"margin_{m}"] for m in MARGINS}
     margin = max(asked.values())
     failed = result["status"] in ("unstable", "stuck")
     return (
@@ -302,11 +300,10 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
         | asked
         | {
             "margin": margin,
-            "refinement": record["time_step_refinement"],
-            "predicted_safe": (time_step == "automatic" or margin <= 1) and not record["incurable"],
+            "refinement": result["time_step_refinement"],
+            "predicted_safe": (time_step == "automatic" or margin <= 1) and not result["incurable"],
             "outcome": result["status"] if failed else RAN,
-            "reason": "; ".join([result["stop_reason"]] * failed + record["incurable"]),
-            "inverted_faces_max": record["inverted_faces_max"],
+            "reason": "; ".join([result["stop_reason"]] * failed + result["incurable"]),
             **{
                 key: result[key]
                 for key in (
@@ -317,6 +314,7 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
                     "mach_max",
                     "volume_drift_max",
                     "area_drift_max",
+                    "inverted_faces_max",
                     "min_clearance_um",
                 )
             },

@@ -4,7 +4,6 @@ One outcome: as many runs from different places as it takes to know what a cell 
 anywhere.
 """
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -48,6 +47,7 @@ from dldsim.solver.time_step import (
     refinement,
 )
 from dldsim.solver.units import Units
+from dldsim.tables.numerics import columns_of
 from dldsim.vocabulary import SETTLED
 
 Progress = Callable[[str], None] | None
@@ -279,27 +279,20 @@ def _simulate(
         "rows_completed": path.rows,
         "lateral_steps_um": migration.lateral_steps.tolist(),
         **cost_and_quality(scene, record, wall),
-        "rows_in_domain": numerics.rows,
-        "lanes_in_domain": numerics.lanes,
+        "pitch_nodes": array.pitch,
+        "row_shift_nodes": array.row_shift,
         "height_on_lattice_um": array.height_um,
         "velocity_lu": numerics.velocity_lu,
+        **describe(asked, factor),
+        "begun_anew": shorter > 1,
+        "incurable": incurable(scene),
+        "kv_wanted_lu": units.pressure(stiffness.kv_Pa),
+        "kv_used_lu": scene.moduli.kv,
+        "velocity_blend": scene.blend,
+        "start_up_s": round(loop - start, 3),
         "lag_number": lag_number(scene),
         "capillary_number": units.capillary_number(stiffness.ks_uN_per_m),
         "left_out": left_out(array, geometry, stiffness, numerics),
-        "details": json.dumps(
-            {
-                "pitch_nodes": array.pitch,
-                "row_shift_nodes": array.row_shift,
-                "kv_used_lu": scene.moduli.kv,
-                "kv_wanted_lu": units.pressure(stiffness.kv_Pa),
-                "velocity_blend": scene.blend,
-                **describe(asked, factor),
-                "begun_anew": shorter > 1,
-                "incurable": incurable(scene),
-                "inverted_faces_max": float(record.column("inverted").max()),
-                "start_up_s": round(loop - start, 3),
-            }
-        ),
     }
     return RunResult(row, record.trajectory())
 
@@ -371,7 +364,7 @@ def known_of(
         "release_axis": cell.axis,
         "bump_angle_deg": math.degrees(math.atan(geometry.row_shift_fraction)),
         "confinement": 2 * cell.radius_um / geometry.gap_um,
-        "numerics": json.dumps(numerics.model_dump()),
+        **columns_of(numerics),
     }
 
 
@@ -535,7 +528,6 @@ def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> d
         "vertices": scene.vertices,
         "spacing_um": record.units.spacing_um,
         "time_step_us": record.units.time_step_us,
-        "relaxation_time": scene.numerics.relaxation_time,
         "wall_time_s": wall_time_s,
         "ms_per_step": wall_time_s / scene.steps * 1e3,
         "mlups": nodes * scene.steps / wall_time_s / 1e6,
@@ -544,6 +536,7 @@ def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> d
         "lateral_flux_ratio": float(flux),
         "volume_drift_max": float(np.abs(record.column("volume_ratio") - 1).max()),
         "area_drift_max": float(np.abs(record.column("area_ratio") - 1).max()),
+        "inverted_faces_max": float(record.column("inverted").max()),
         "min_clearance_um": clearance,
         "mean_deformation_index": float(index.mean()),
     }

@@ -39,6 +39,8 @@ NOT_JOINED = {
     "deformation_index": None,
     "deformation_index_std": None,
     "sigma_num_deg": None,
+    "sigma_num_kind": "not joined yet",
+    "mode_open": None,
     "sigma_num_basis": "not joined yet",
 }
 """Columns of `outcomes` that are filled when the outcomes are gathered."""

@@ -4,8 +4,6 @@ As in :mod:`dldsim.report.style`: what is drawn is computed apart from drawing. 
 as a share of the bump angle, or of the reference's deformation index.
 """
 
-import json
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -29,12 +27,6 @@ SHARE = {ANGLE: "bump angle", INDEX: "reference DI"}
 
 
 # ---------------------------------------------------------------------------------- computations
-
-
-def value_text(setting: str) -> str:
-    """A setting's JSON value as readers see it."""
-    value = json.loads(setting)
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def knob_styles(knobs) -> dict[str, tuple[str, str]]:
@@ -239,7 +231,7 @@ def draw_pareto(accuracy: pd.DataFrame) -> Figure:
                 continue
             told = row["error"]
             panel.annotate(
-                f"{row['knob']} {value_text(row['setting'])}",
+                f"{row['knob']} {row['setting']}",
                 (row["cost"], error[i]),
                 xytext=(4, -10),
                 textcoords="offset points",
@@ -288,7 +280,7 @@ def draw_gains(accuracy: pd.DataFrame) -> Figure:
         panel.set_yticks(
             range(len(table)),
             [
-                f"{row['knob']} {value_text(row['setting'])}  (×{row['cost']:.2g})"
+                f"{row['knob']} {row['setting']}  (×{row['cost']:.2g})"
                 for _, row in table.iterrows()
             ],
             fontsize=7.5,

@@ -1,8 +1,12 @@
 """One column of a table, one table, and columns that several tables share."""
 
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple, get_args, get_origin
 
 import pyarrow as pa
+from pydantic.fields import FieldInfo
+
+from dldsim.config.sections import Numerics
+from dldsim.tables.numerics import COLUMN_OF
 
 
 class Column(NamedTuple):
@@ -103,7 +107,28 @@ LAG = real(
     "its radius, twice: U·2R/ν where the cell is the largest length",
 )
 LEFT_OUT = text("left_out", "what the scene did without")
-NUMERICS = text("numerics", "numerics asked for, JSON; the time step may be shorter")
+_TYPES: dict[Any, pa.DataType] = {float: FLOAT, int: INT, bool: BOOL, str: TEXT}
+_UNITS = {"_um": "µm", "_nN_s_per_m": "nN·s/m"}
+
+
+def _setting(name: str, field: FieldInfo) -> Column:
+    """The column of a setting of `Numerics`, by its annotation, the end of its name, and its
+    description."""
+    kind: Any = field.annotation
+    kind = type(get_args(kind)[0]) if get_origin(kind) is Literal else kind
+    number = next((unit for end, unit in _UNITS.items() if name.endswith(end)), "1")
+    unit = number if kind in (float, int) else ""
+    return Column(COLUMN_OF[name], _TYPES[kind], unit, str(field.description))
+
+
+NUMERICS = tuple(_setting(name, field) for name, field in Numerics.model_fields.items())
+MARGINS = optional(
+    real("margin_elastic", "1", "ω² of the stiffest elastic mode / safe ω²"),
+    real("margin_mass", "1", "vertex mass asked for by springs / by friction"),
+    real("margin_lag", "1", "delay of the dashpots / largest allowed"),
+    real("margin_speed", "1", "fluid speed at release / largest allowed"),
+)
+INVERTED = real("inverted_faces_max", "1", "largest share of inverted faces", nullable=True)
 STATUS = (text("status", "how the run ended"), text("stop_reason", "why it ended so"))
 COST = optional(
     count("steps", "lattice-Boltzmann steps"),

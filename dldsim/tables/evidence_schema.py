@@ -2,7 +2,19 @@
 
 import pyarrow as pa
 
-from dldsim.tables.column import FLOAT, GEOMETRY, Column, count, flag, optional, real, table, text
+from dldsim.tables.column import (
+    FLOAT,
+    GEOMETRY,
+    INVERTED,
+    MARGINS,
+    Column,
+    count,
+    flag,
+    optional,
+    real,
+    table,
+    text,
+)
 
 TABLES = {
     "accuracy": table(
@@ -13,7 +25,7 @@ TABLES = {
         text("case", "run that is repeated"),
         text("run", "its run id, or its constriction group"),
         text("knob", "setting that is changed, or name of the whole setting"),
-        text("setting", "value of the knob, or what differs from the default, as JSON"),
+        text("setting", "value of the knob, or what differs from the default"),
         count("rank", "position in the list of values, coarse to finest"),
         flag("is_default", "the campaign's own setting"),
         flag("is_reference", "finest value of the knob, or the combined reference"),
@@ -165,12 +177,9 @@ TABLES = {
         *optional(
             flag("predicted_safe", "by the bound, or made so by a shorter step"),
             real("margin", "1", "largest of the margins; up to 1 is safe as given"),
-            real("margin_elastic", "1", "ω² of the stiffest elastic mode / safe ω²"),
-            real("margin_mass", "1", "vertex mass asked for by springs / by friction"),
-            real("margin_lag", "1", "delay of the dashpots / largest allowed"),
-            real("margin_speed", "1", "fluid speed at release / largest allowed"),
-            real("refinement", "1", "factor by which the time step was shortened"),
         ),
+        *MARGINS,
+        real("refinement", "1", "factor by which the time step was shortened", nullable=True),
         text("outcome", "ran, unstable, stuck or refused"),
         text("reason", "why it did not run, or may not have"),
         *optional(
@@ -181,9 +190,9 @@ TABLES = {
             real("mach_max", "1", "largest Mach number"),
             real("volume_drift_max", "1", "largest relative deviation of the cell volume"),
             real("area_drift_max", "1", "largest relative deviation of the membrane area"),
-            real("inverted_faces_max", "1", "largest share of inverted faces"),
-            real("min_clearance_um", "µm", "smallest distance from a surface, with sign"),
         ),
+        INVERTED,
+        real("min_clearance_um", "µm", "smallest distance from a surface, with sign", True),
     ),
     "validation": table(
         "validation.parquet",

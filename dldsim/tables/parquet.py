@@ -123,7 +123,10 @@ def write_csv(kind: str, path: Path) -> Path:
     table = read_columns(kind, path)
     for i, field in enumerate(table.schema):
         if pa.types.is_list(field.type):
-            texts = [None if v is None else json.dumps(v) for v in table[i].to_pylist()]
+            texts = [
+                None if v is None else json.dumps(v, ensure_ascii=False)
+                for v in table[i].to_pylist()
+            ]
             table = table.set_column(i, field.name, pa.array(texts, pa.string()))
     csv = Path(path).with_suffix(".csv")
     with atomic_path(csv) as part:

@@ -418,7 +418,7 @@ def test_numerical_uncertainty_of_predictions_is_that_of_the_runs():
     bump = np.degrees(np.arctan(1 / outcomes["periodicity"]))
     share = outcomes["migration_angle_deg"] / bump
     sigma = np.where(share >= 0.9, 0.01 * bump, np.where(share <= 0.1, 0.05 * bump, np.nan))
-    known = outcomes.assign(sigma_num_deg=sigma, sigma_num_basis="modelled: x")
+    known = outcomes.assign(sigma_num_deg=sigma, sigma_num_kind="modelled")
     made = surrogate.fit(known, seed=1)
     angle = np.degrees(np.arctan(1 / 4))
     found = made.sigma_num_deg([0.0, 0.5 * angle, angle], [4, 4, 4])

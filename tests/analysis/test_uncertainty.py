@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import statistics
 
 import numpy as np
@@ -21,12 +22,14 @@ from dldsim.analysis.uncertainty import (
     numerical_uncertainty,
     with_uncertainty,
 )
+from dldsim.config.sections import Numerics
 from dldsim.errors import DldsimError
 from dldsim.report import accuracy_figures, style
+from dldsim.tables.numerics import columns_of
 from dldsim.tables.registry import COLUMNS
 
 BUMP = math.degrees(math.atan(1 / 10))
-NUMERICS = json.dumps({"spacing_um": 1.25, "kernel": "compact"})
+NUMERICS = Numerics()
 SIGMA_D, SHARE = 0.1, 0.02
 
 
@@ -43,7 +46,7 @@ def outcome(angle=BUMP, distance=0.3, **changes):
         "cell_radius_um": 7.5,
         "height_um": 20.0,
         "mean_velocity_mm_s": 0.5,
-        "numerics": NUMERICS,
+        **columns_of(NUMERICS),
         "spacing_um": 1.2,
         "status": "decided",
         "mode": "bump" if bumps else "mixed" if angle else "none",
@@ -62,14 +65,14 @@ def model(**changes):
         "physics_version": PHYSICS_VERSION,
         "distance": dict.fromkeys(uncertainty.SIDES, {"pairs": 20, "value": SIGMA_D}),
         "share": {"pairs": 18, "value": SHARE},
-        "numerics": json.loads(NUMERICS),
+        "numerics": NUMERICS.model_dump(),
         "conditions": {"cell_shape": "biconcave", "cell_radius_um": 7.5},
         "ranges": {"pillar_radius_um": [5.0, 9.0], "gap_um": [12.0, 20.0], "periodicity": [4, 12]},
     } | changes
 
 
 def sigma(*args, **changes):
-    return numerical_uncertainty(outcome(*args, **changes), model())[0]
+    return numerical_uncertainty(outcome(*args, **changes), model())["sigma_num_deg"]
 
 
 # ------------------------------------------------------------------------------------------- laws
@@ -111,9 +114,11 @@ def test_sigma_spans_the_modes_at_the_transition():
     ("changes", "word"), [({"distance": None}, "unknown"), ({"distance": -0.4}, "contradicts")]
 )
 def test_an_open_mode_spans_the_modes(changes, word):
-    found, basis = numerical_uncertainty(outcome(**changes), model())
-    assert 2 * found >= BUMP
-    assert basis.startswith("modelled: spans the modes") and word in basis
+    found = numerical_uncertainty(outcome(**changes), model())
+    assert 2 * found["sigma_num_deg"] >= BUMP
+    assert found["sigma_num_kind"] == "modelled" and found["mode_open"] is True
+    basis = found["sigma_num_basis"]
+    assert basis.startswith("modelled: spans the modes, ") and word in basis
 
 
 @pytest.mark.parametrize("status", ["undecided", "coexisting"])
@@ -121,9 +126,17 @@ def test_what_is_not_decided_spans_the_modes_with_or_without_a_study(status):
     """Half the bump angle and what the interval of the mean has."""
     row = outcome(2.0, 0.3, status=status, angle_low_deg=0.0, angle_high_deg=4.0)
     for study in (model(), None):
-        found, basis = numerical_uncertainty(row, study)
-        assert found == pytest.approx(math.hypot(BUMP / 2, 2 / 1.96))
-        assert basis == f"spans the modes: {status}"
+        found = numerical_uncertainty(row, study)
+        assert found["sigma_num_deg"] == pytest.approx(math.hypot(BUMP / 2, 2 / 1.96))
+        assert (found["sigma_num_kind"], found["mode_open"]) == ("spans the modes", True)
+        assert found["sigma_num_basis"] == f"spans the modes: {status}"
+
+
+def test_a_mode_is_open_where_the_other_is_not_left_out():
+    """p = Φ(−1.645) = 0.05; the kind is that of the study either way."""
+    near, far = (numerical_uncertainty(outcome(BUMP, d * SIGMA_D), model()) for d in (1.64, 1.65))
+    assert (near["mode_open"], far["mode_open"]) == (True, False)
+    assert near["sigma_num_kind"] == far["sigma_num_kind"] == "modelled"
 
 
 def test_the_interval_of_the_angle_adds_in_quadrature():
@@ -164,13 +177,16 @@ def test_the_fit_separates_distance_and_share():
             found["rms"] * uncertainty.confidence_factor(len(errors))
         )
     assert fitted["spacing_ratio"] == [2.0, 2.0]
-    assert fitted["numerics"] == json.loads(NUMERICS) and len(fitted["pairs"]) == 6
+    assert fitted["numerics"] == NUMERICS.model_dump() and len(fitted["pairs"]) == 6
     json.dumps(fitted, allow_nan=False)
 
 
 @pytest.mark.parametrize(
     "pairs",
-    [[], [(outcome(), outcome(spacing_um=0.6)), (outcome(numerics="{}"), outcome(spacing_um=0.6))]],
+    [
+        [],
+        [(outcome(), outcome(spacing_um=0.6)), (outcome(kernel="linear"), outcome(spacing_um=0.6))],
+    ],
 )
 def test_pairs_of_different_numerics_or_none_are_refused(pairs):
     with pytest.raises(DldsimError, match="different numerics"):
@@ -258,19 +274,15 @@ def test_no_pair_is_judged_by_a_model_that_saw_its_array():
         (outcome(None), {}, "no angle"),
         (outcome(), None, "no reference is installed"),
         (outcome(), {"physics_version": 3}, "physics version 3"),
-        (
-            outcome(numerics=json.dumps({"spacing_um": 2.0, "kernel": "compact"})),
-            {},
-            r"spacing_um = 2.0 \(studied 1.25\)",
-        ),
+        (outcome(wanted_spacing_um=2.0), {}, r"spacing_um = 2.0 \(studied 1.25\)"),
         (outcome(), {"share": {"pairs": 0, "value": None}}, "too few pairs"),
     ],
 )
 def test_no_sigma_without_a_study(row, other, word):
-    import re
-
-    found, basis = numerical_uncertainty(row, None if other is None else model(**other))
-    assert found is None and re.search(word, basis)
+    found = numerical_uncertainty(row, None if other is None else model(**other))
+    assert found["sigma_num_deg"] is None and found["mode_open"] is None
+    assert found["sigma_num_kind"] in ("no angle", "not studied")
+    assert re.search(word, found["sigma_num_basis"])
 
 
 @pytest.mark.parametrize(
@@ -278,8 +290,9 @@ def test_no_sigma_without_a_study(row, other, word):
     [({"gap_um": 25.0}, "gap_um = 25"), ({"cell_radius_um": 6.0}, "cell_radius_um = 6.0")],
 )
 def test_beyond_the_study_it_is_extrapolated(changes, word):
-    found, basis = numerical_uncertainty(outcome(**changes), model())
-    assert found > 0 and basis.startswith("extrapolated: ") and word in basis
+    found = numerical_uncertainty(outcome(**changes), model())
+    assert found["sigma_num_deg"] > 0 and found["sigma_num_kind"] == "extrapolated"
+    assert word in found["sigma_num_basis"]
 
 
 def test_a_table_is_filled():
@@ -287,6 +300,8 @@ def test_a_table_is_filled():
     filled = with_uncertainty(rows, model())
     assert filled["sigma_num_deg"].isna().tolist() == [False, True, False]
     assert filled["sigma_num_deg"][2] > filled["sigma_num_deg"][0]
+    assert filled["sigma_num_kind"].tolist() == ["modelled", "no angle", "modelled"]
+    assert filled["mode_open"].tolist() == [False, None, True]
     assert filled["sigma_num_basis"][1] == "no angle"
 
 

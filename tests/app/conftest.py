@@ -1,12 +1,11 @@
 """A made-up campaign, for the commands, the jobs and the service."""
 
-import json
-
 import pandas as pd
 import pytest
 
 from dldsim.analysis import surrogate
 from dldsim.config.sections import Numerics, RunControl
+from dldsim.tables.numerics import columns_of
 from dldsim.tables.parquet import read_table, write_table
 from dldsim.tables.registry import COLUMNS
 from tests.analysis.test_surrogate import make_outcomes
@@ -17,7 +16,7 @@ SETS = {"1": 5.1, "2": 10.0, "3": 20.3}
 
 def filled(kind, frame):
     """A table with every column: null, 0 or empty where the frame has none."""
-    zero = {"string": "", "double": 0.0, "int64": 0}
+    zero = {"string": "", "double": 0.0, "int64": 0, "bool": False}
     for column in COLUMNS[kind]:
         if column.name not in frame:
             empty = zero.get(str(column.type), [[]] * len(frame))
@@ -40,7 +39,7 @@ def campaign(tmp_path_factory):
         kvisc_nN_s_per_m=1.5,
         mean_velocity_mm_s=0.5,
         capillary_number=1.5 * 0.5 / ks,
-        numerics=json.dumps(Numerics().model_dump()),
+        **columns_of(Numerics()),
         release_axis="y",
     )
     control = RunControl(max_rows=7).model_dump()

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from dldsim import PHYSICS_VERSION
+from dldsim.analysis.uncertainty import SIGMA
 from dldsim.app import cli
 from dldsim.app.commands import output
 from dldsim.experiments.vtk import read_vtkhdf
@@ -242,7 +243,7 @@ def test_run_writes_the_tables_of_the_campaign(capsys, tmp_path):
     with Image.open(movie) as picture:
         assert picture.format == "GIF" and picture.n_frames > 10
     [stored] = read_rows("runs", row)
-    assert set(summary) == set(stored) | {"files", "sigma_num_deg", "sigma_num_basis"}
+    assert set(summary) == set(stored) | {"files", *SIGMA}
     assert summary["run_id"] == stored["run_id"] == "r05.0_g20.0_n04_s1_y0.50"
     assert stored["outcome_id"] == "r05.0_g20.0_n04_s1"
     assert describe(trajectory)["kind"] == "trajectory"

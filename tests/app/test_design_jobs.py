@@ -382,11 +382,24 @@ def test_settings_are_those_of_the_runs(campaign):
     assert scene.cell.axis == "y" and scene.flow.height_um == 20.0
 
 
-def test_runs_of_several_channels_are_refused(campaign):
+@pytest.mark.parametrize(
+    ("column", "value"), [("height_um", 30.0), ("kernel", "linear"), ("wanted_spacing_um", 0.9)]
+)
+def test_runs_of_several_channels_or_numerics_are_refused(campaign, column, value):
     outcomes = read_table("outcomes", campaign / "outcomes.parquet")
-    outcomes.loc[0, "height_um"] = 30.0
-    with pytest.raises(DldsimError, match="mixes several values of height_um"):
+    outcomes.loc[0, column] = value
+    with pytest.raises(DldsimError, match=f"mixes several values of {column}") as caught:
         finished_campaign.settings_of_outcomes(outcomes)
+    assert caught.value.key == column
+
+
+def test_values_that_no_configuration_has_are_refused_by_column(campaign):
+    outcomes = read_table("outcomes", campaign / "outcomes.parquet")
+    for column, value in (("kernel", "round"), ("rows_in_domain", 0), ("cell_shape", "cube")):
+        with pytest.raises(DldsimError) as caught:
+            finished_campaign.settings_of_outcomes(outcomes.assign(**{column: value}))
+        error = caught.value
+        assert (error.key, error.value) == (column, value) and error.allowed in str(error)
 
 
 def test_spread_of_a_set_is_the_calibrations(campaign):

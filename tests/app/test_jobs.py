@@ -97,7 +97,6 @@ def release(place, rows=4, lane=True):
         "orbit_rows": int(lane),
         "lateral_steps_um": [7.5] * rows,
         "left_out": "",
-        "details": "{}",
         "steps": 100,
         "wall_time_s": 2.0,
         "lag_number": 0.1,

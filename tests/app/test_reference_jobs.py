@@ -1,6 +1,5 @@
 """Jobs of the reference study and the spot check, on a made-up simulation."""
 
-import json
 import math
 
 import pytest
@@ -9,8 +8,10 @@ from dldsim.analysis import uncertainty
 from dldsim.app import reference_jobs
 from dldsim.config.identifiers import parse_outcome
 from dldsim.config.presets import read_config
+from dldsim.config.sections import Numerics
 from dldsim.errors import DldsimError
 from dldsim.evidence import reference_study
+from dldsim.tables.numerics import COLUMN_OF, columns_of
 from dldsim.tables.parquet import read_rows, write_table
 from dldsim.tables.registry import COLUMNS
 
@@ -29,6 +30,7 @@ def outcome(identifier, geometry, numerics, distance):
     blank = {
         c.name: None if c.nullable else {"string": "", "int64": 2, "double": 1.0}[str(c.type)]
         for c in COLUMNS["outcomes"]
+        if c.name not in COLUMN_OF.values()
     }
     return blank | {
         "outcome_id": identifier,
@@ -49,7 +51,7 @@ def outcome(identifier, geometry, numerics, distance):
         "lag_number": numerics["reynolds_max"],
         "wall_time_s": 36.0,
         "rows_total": 24,
-        "numerics": json.dumps(numerics),
+        **columns_of(Numerics(**numerics)),
     }
 
 
@@ -136,7 +138,7 @@ def test_the_model_and_its_check_come_of_the_pairs(results, config):
     assert sum(side["pairs"] for side in model["distance"].values()) == len(config.reference.pairs)
     assert model["check"]["pairs"] == len(config.reference.pairs)
     best = read_rows("outcomes", results / "reference" / "reference_outcomes.parquet")
-    finest = {r["outcome_id"] for r in best if json.loads(r["numerics"])["spacing_um"] == 0.42}
+    finest = {r["outcome_id"] for r in best if r["wanted_spacing_um"] == 0.42}
     assert finest == set(config.reference.finest)
 
 

@@ -17,13 +17,13 @@ def pair(
     status="decided",
     spacing_um=1.1,
     lag=0.15,
-    basis="modelled",
+    mode_open=False,
     modes=("zigzag", "bump"),
 ):
     return [
         {
             "migration_angle_deg": angle,
-            "sigma_num_basis": basis,
+            "mode_open": mode_open,
             "mode": mode,
             "angle_spread_deg": spread,
             "status": status,
@@ -85,7 +85,7 @@ def test_separating_needs_the_finer_setting_in_the_same_order():
 
 
 def test_a_finer_setting_settles_a_mode_that_is_open_by_sigma_num():
-    near = pair(1.0, 7.1, basis="modelled: spans the modes, 0.6 σ from the transition")
+    near = pair(1.0, 7.1, mode_open=True)
     assert parts(near, 3.6) is None and separated(near, 3.6, None) is None
     assert verdict(near, 3.6, None).startswith(
         "open, 6.10°: near a transition, σ_num 3.60° reaches another mode"

@@ -72,6 +72,7 @@ class Nature:
             "migration_angle_deg": angle if known else None,
             "deformation_index": population.deformation_index,
             "sigma_num_deg": self.sigma if known else None,
+            "mode_open": False if known else None,
             "mode": mode_of(angle, geometry.row_shift_fraction) if known else "none",
             "status": self.status,
             "stop_reason": "why",

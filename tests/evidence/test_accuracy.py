@@ -254,6 +254,21 @@ def test_rows_are_those_of_the_tables(points, config, runs, tmp_path):
     write_table("accuracy", points, tmp_path / "a.parquet", {})
 
 
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (2.0, "2"),
+        (0.075, "0.075"),
+        (False, "false"),
+        ("compact", "compact"),
+        ({}, ""),
+        ({"spacing_um": 2.0, "half_scene": True}, "spacing_um = 2, half_scene = true"),
+    ],
+)
+def test_a_setting_in_words(value, text):
+    assert accuracy.in_words(value) == text
+
+
 # -------------------------------------------------------------------------------- figures
 
 
@@ -265,7 +280,7 @@ def test_front_holds_what_nothing_beats():
             "case": case,
             "knob": knob,
             "rank": 0,
-            "setting": "{}",
+            "setting": "",
             "is_default": default,
             "error_to_reference_share": error,
             "noise_share": 0.01,

@@ -16,6 +16,8 @@ from markupsafe import Markup
 import dldsim
 from dldsim.analysis.calibration import calibrate, correlations
 from dldsim.analysis.regressors import SURROGATE
+from dldsim.analysis.uncertainty import SIGMA
+from dldsim.config.sections import Numerics
 from dldsim.errors import DldsimError
 from dldsim.report import (
     angle_figures,
@@ -29,6 +31,7 @@ from dldsim.report import page as report_page
 from dldsim.report.formats import duration, number, probability
 from dldsim.report.inputs import CARD, STUDIES, TABLES
 from dldsim.report.sections import summary
+from dldsim.tables.numerics import columns_of
 from dldsim.tables.parquet import write_csv, write_table
 from dldsim.tables.registry import COLUMNS
 from dldsim.vocabulary import SETTLED
@@ -120,10 +123,7 @@ def make_run(radius, gap, periodicity, name, rng, status=None, place=0.5) -> tup
         "nodes": 30_000,
         "vertices": 642,
         "spacing_um": 1.25,
-        "rows_in_domain": 1,
-        "lanes_in_domain": 1,
         "time_step_us": 0.26,
-        "relaxation_time": 1.5,
         "velocity_lu": 0.01,
         "height_on_lattice_um": 20.0,
         "wall_time_s": 0.7 * rows + rng.uniform(0, 1),
@@ -140,9 +140,9 @@ def make_run(radius, gap, periodicity, name, rng, status=None, place=0.5) -> tup
         "min_clearance_um": None if failed else 0.8,
         "mean_deformation_index": 0.3,
         "left_out": "solid columns; outer viscosity field",
-        "numerics": "{}",
-        "details": "{}",
+        **columns_of(Numerics(rows=1)),
     }
+    row = dict.fromkeys(c.name for c in COLUMNS["runs"]) | row
     count = 30 * rows + 1
     along = np.linspace(0, rows, count)
     y = np.interp(along, np.arange(rows + 1), np.concatenate([[0], np.cumsum(steps)]))
@@ -175,6 +175,11 @@ def make_outcome(runs: list[dict]) -> dict:
     known = first["migration_angle_deg"] is not None
     shares = {f"share_{m}": modes.count(m) / len(modes) for m in (*style.MODES[:3], "none")}
     names = {c.name for c in COLUMNS["outcomes"]}
+    sigma = (None, "no angle", None, "no angle")
+    if known and status == "decided":
+        sigma = (0.1, "modelled", False, "modelled: bump, 4 studied runs")
+    elif known:
+        sigma = (None, "not studied", None, "not studied: <few> runs")
     return (
         {name: value for name, value in first.items() if name in names}
         | shares
@@ -186,12 +191,7 @@ def make_outcome(runs: list[dict]) -> dict:
             "angle_spread_deg": 0.0 if known else None,
             "releases": len(runs),
             "source_angle_deg": first["first_period_angle_deg"],
-            "sigma_num_deg": 0.1 if known and status == "decided" else None,
-            "sigma_num_basis": "modelled: bump, 4 studied runs"
-            if known and status == "decided"
-            else "not studied: <few> runs"
-            if known
-            else "no angle",
+            **dict(zip(SIGMA, sigma, strict=True)),
             "rows_total": sum(run["rows_completed"] for run in runs),
         }
     )
@@ -512,11 +512,11 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
         ("deformation_index", "G1"),
     ):
         for kind, knob, setting, rank, error, time in (
-            ("knob", "spacing_um", "2.0", 0, 0.05, 2),
-            ("knob", "spacing_um", "1.0", 1, 0.0, 9),
-            ("knob", "coupling", '"dissipative"', 0, None, 3),
-            ("setting", "default", "{}", 0, 0.05, 2),
-            ("setting", "reference", '{"spacing_um": 0.9}', 1, 0.0, 9),
+            ("knob", "spacing_um", "2", 0, 0.05, 2),
+            ("knob", "spacing_um", "1", 1, 0.0, 9),
+            ("knob", "coupling", "dissipative", 0, None, 3),
+            ("setting", "default", "", 0, 0.05, 2),
+            ("setting", "reference", "spacing_um = 0.9", 1, 0.0, 9),
         ):
             points.append(
                 blank

@@ -26,6 +26,7 @@ VALUES = {
     "bool": st.booleans(),
     "list<element: double>": st.lists(finite, max_size=4),
     "list<item: double>": st.lists(finite, max_size=4),
+    "list<item: string>": st.lists(st.text(max_size=8), max_size=4),
 }
 
 
@@ -64,7 +65,7 @@ def test_rows_come_back(kind, data, tmp_path_factory):
 def test_every_column_has_a_meaning(kind):
     for column in COLUMNS[kind]:
         assert column.description
-        assert column.unit or column.type in (pa.string(), pa.bool_())
+        assert column.unit or column.type in (pa.string(), pa.bool_(), pa.list_(pa.string()))
     names = [c.name for c in COLUMNS[kind]]
     assert len(set(names)) == len(names)
 
@@ -222,6 +223,8 @@ def test_csv_twin_holds_the_same(path):
 def test_csv_twin_writes_lists_as_json(path):
     blank = {c.name: 0 for c in COLUMNS["runs"]}
     blank |= {c.name: "" for c in COLUMNS["runs"] if c.type == pa.string()}
-    write_table("runs", [blank | {"lateral_steps_um": [1.5, -2.0]}], path, ABOUT)
+    lists = {"lateral_steps_um": [1.5, -2.0], "incurable": ["μU is too large"]}
+    write_table("runs", [blank | lists], path, ABOUT)
     frame = pd.read_csv(parquet.write_csv("runs", path))
     assert json.loads(frame.lateral_steps_um[0]) == [1.5, -2.0]
+    assert frame.incurable[0] == '["μU is too large"]'

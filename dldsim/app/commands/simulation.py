@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             result = simulate_outcome(
                 *sections, outcome_id=outcome, stiffness_set=args.set, progress=progress
             )
-    sigma, basis = numerical_uncertainty(result.row, read_model())
-    summary = {**result.row, "sigma_num_deg": sigma, "sigma_num_basis": basis}
+    sigma = numerical_uncertainty(result.row, read_model())
+    summary = {**result.row, **sigma}
     if args.out:
         trajectory = args.out / f"{name}.trajectory.parquet"
         if args.releases is None:
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             files = outcome_files.OutcomeFiles(
                 args.out / f"{name}.outcome.parquet", args.out / f"{name}.runs.parquet", trajectory
             )
-            result.row.update(sigma_num_deg=sigma, sigma_num_basis=basis)
+            result.row.update(sigma)
             outcome_files.write_outcome(result, files, settings)
         summary["files"] = [str(path) for path in files]
     return summary, listing(summary)

@@ -16,9 +16,8 @@ ANGLE_HEADING = Markup("θ<sub>m</sub> [°]")
 
 
 def contents(page: Page) -> dict:
-    bases = page["outcomes"]["sigma_num_basis"].str.partition(":")[0].value_counts()
     return {
-        "bases": list(bases.items()),
+        "kinds": list(page["outcomes"]["sigma_num_kind"].value_counts().items()),
         "study": _work_precision(page) if page.some("accuracy") else None,
         "reference": _reference_check(page) if page.some("reference_check") else None,
         "spot": _spot_check(page) if page.some("spot_check") else None,
@@ -187,10 +186,7 @@ def _settings(page: Page) -> Grid:
         },
         ["accuracy"],
         ~whole["settled"].astype(bool),
-        [
-            "the default" if s == "{}" else "differs in " + s.strip("{}").replace('"', "")
-            for s in whole["setting"]
-        ],
+        [f"differs in {changed}" if changed else "the default" for changed in whole["setting"]],
     )
 
 
@@ -202,7 +198,7 @@ def _points(page: Page) -> Grid:
             "case": texts(knobs["case"]),
             "knob": texts(knobs["knob"]),
             "value": [
-                text(s.strip('"')) + (" (default)" if d else "")
+                text(s) + (" (default)" if d else "")
                 for s, d in zip(knobs["setting"], knobs["is_default"], strict=True)
             ],
             Markup("θ<sub>m</sub> [°] or DI"): decimals(knobs["value"].astype(float), 4),

@@ -406,7 +406,8 @@ def broken_tables(campaign, tmp_path):
         (table(outcomes.iloc[:2]), "usable"),
         (table(outcomes.assign(deformation_index=7.0)), "0 to 1"),
         (table(outcomes.assign(status="measured")), "/measurements"),
-        (table(outcomes.assign(numerics="{}")), "numerics"),
+        (table(outcomes.assign(kernel="round")), "column kernel gives kernel = round"),
+        (table(outcomes.assign(rows_in_domain=0)), "column rows_in_domain gives rows = 0"),
         (table(outcomes.assign(height_um=[20.0, *[21.0] * (len(outcomes) - 1)])), "height_um"),
         ("\n".join([text[0], *text[1:2] * 6000]).encode(), "at most 5000"),
     ]
