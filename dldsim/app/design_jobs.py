@@ -72,11 +72,10 @@ def design_job(
             derive_seed(settings["seed"], f"design/{asked.name}"),
         ),
     )
-    kinds = zip(*found, strict=True) if found else map(lambda kind: [_empty(kind)], SEARCH)
-    content = {
-        kind: pd.concat(map(pd.DataFrame, parts), ignore_index=True)
-        for kind, parts in zip(SEARCH, kinds, strict=True)
-    }
+    content: dict[str, Any] = {kind: _empty(kind) for kind in SEARCH}
+    if found:
+        parts = zip(SEARCH, zip(*found, strict=True), strict=True)
+        content = {kind: pd.concat(frames, ignore_index=True) for kind, frames in parts}
     content["design_requests"] = requests or _empty("design_requests")
     for kind, table in content.items():
         write_table(kind, table, tables[kind], provenance(settings, settings["seed"]))

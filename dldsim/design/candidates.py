@@ -83,8 +83,9 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         pressure_drop_kPa=np.where(np.isfinite(pressure), pressure, np.nan),
         pressure_basis=chip.pressure_basis,
         throughput_uL_per_h=chip.throughput_uL_per_h,
-        verdict=[
-            verdict_of(row, ranks.count(row["rank"]), at_bounds(request, row))
+        verdict=[verdict_of(row) for _, row in designs.iterrows()],
+        notes=[
+            notes_of(row, ranks.count(row["rank"]), at_bounds(request, row))
             for _, row in designs.iterrows()
         ],
     )
@@ -282,23 +283,28 @@ def at_bounds(request: DesignRequest, row: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def verdict_of(row: Mapping[str, Any], equals: int, bounds: Sequence[str] = ()) -> str:
-    """What a candidate's prediction is worth, in words; ``bounds``: those that it lies on."""
+def verdict_of(row: Mapping[str, Any]) -> str:
+    """Whether a candidate's separation is resolved, in words."""
     if row["separation_deg"] <= row["uncertainty_deg"]:
-        verdict = "not resolved: separation below uncertainty"
-    elif row["separation_tolerance_min_deg"] <= row["uncertainty_deg"]:
-        verdict = "not robust: resolved at nominal size, not over the tolerance"
-    else:
-        verdict = "resolved"
+        return "not resolved: separation below uncertainty"
+    if row["separation_tolerance_min_deg"] <= row["uncertainty_deg"]:
+        return "not robust: resolved at nominal size, not over the tolerance"
+    return "resolved"
+
+
+def notes_of(row: Mapping[str, Any], equals: int, bounds: Sequence[str] = ()) -> list[str]:
+    """What else its prediction is worth, in words; ``equals``: candidates of its rank, ``bounds``:
+    those that it lies on."""
+    notes = []
     if equals > 1:
-        verdict += f"; one of {equals} not ranked against each other: closer than σ_num"
+        notes.append(f"one of {equals} not ranked against each other: closer than σ_num")
     if np.isnan(row["sigma_num_deg"]):
-        verdict += "; numerical uncertainty not studied"
+        notes.append("numerical uncertainty not studied")
     if not row["inside_training_domain"]:
-        verdict += "; extrapolated: outside the training geometries"
+        notes.append("extrapolated: outside the training geometries")
     if bounds:
-        verdict += f"; on the edge of the search ({', '.join(bounds)}): better may lie beyond"
-    return verdict
+        notes.append(f"on the edge of the search ({', '.join(bounds)}): better may lie beyond")
+    return notes
 
 
 def transition_geometries(task: Task, known: pd.DataFrame, count: int) -> list[dict[str, Any]]:

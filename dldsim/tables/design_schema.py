@@ -1,6 +1,8 @@
 """Tables of the search for designs and of their check by simulation."""
 
-from dldsim.tables.column import GEOMETRY, count, flag, optional, real, table, text
+import pyarrow as pa
+
+from dldsim.tables.column import GEOMETRY, TEXT, Column, count, flag, optional, real, table, text
 
 REQUESTS = (
     text("request", "name of the design request"),
@@ -35,7 +37,8 @@ TABLES = {
         real("pressure_drop_kPa", "kPa", "over that length at the flow's velocity", nullable=True),
         text("pressure_basis", "where the pressure drop comes from"),
         real("throughput_uL_per_h", "µL/h", "flow through the width of the device's array"),
-        text("verdict", "resolved or not, and why"),
+        text("verdict", "resolved, not robust or not resolved, and why"),
+        Column("notes", pa.list_(TEXT), "", "what else to know about the candidate"),
         flag("inside_training_domain", "whether the surrogate interpolates"),
     ),
     "design_trials": table(

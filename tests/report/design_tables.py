@@ -36,6 +36,7 @@ def make_design_tables(request: str, folder=None) -> dict[str, pd.DataFrame]:
                 "pressure_basis": "interpolated",
                 "throughput_uL_per_h": 72.0,
                 "verdict": "resolved" if i < 3 else "not resolved: separation below uncertainty",
+                "notes": ["extrapolated: outside the training geometries"] * (i == 1),
                 "inside_training_domain": i != 1,
             }
             for i in range(4)

@@ -52,6 +52,11 @@ def test_answer_stands_first_and_the_page_stands_alone(page):
     assert page.sources and all(source.startswith("data:image/") for source in page.sources)
 
 
+def test_a_verdict_stands_with_its_notes(page):
+    said = [row[0] for row in page.rows if row[0].startswith("resolved; extrapolated: ")]
+    assert len(said) == 1 and "geometries; N_p is the highest that" in said[0]
+
+
 def test_no_column_is_kept_for_contents_that_the_page_has_not(page):
     """Above 960 px the text stood in a column of 224 px, made for a navigation."""
     assert "<nav" not in page.raw and '<div class="page">' in page.raw

@@ -106,10 +106,10 @@ def _design_lines(summary: Mapping) -> list[str]:
             ],
             "length [mm]": [optional(d["length_mm"], ".3g") for d in designs],
             "pressure [kPa]": [optional(d["pressure_drop_kPa"], ".3g") for d in designs],
-            "verdict": [d["verdict"].partition(";")[0] for d in designs],
+            "verdict": [d["verdict"] for d in designs],
         }
     )
-    notes = dict.fromkeys(note.strip() for d in designs for note in d["verdict"].split(";")[1:])
+    notes = dict.fromkeys(note for d in designs for note in d["notes"])
     lines += [
         "",
         *notes,

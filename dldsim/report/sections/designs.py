@@ -106,11 +106,12 @@ def _both(table: pd.DataFrame, name: str) -> list[Markup]:
 
 
 def _notes(table: pd.DataFrame, requests: Mapping[str, Mapping]) -> list[str]:
-    """The verdict of each design, and the bounds that it lies on."""
-    return [
-        "; ".join([text(row["verdict"]), *on_bounds(row, requests.get(row["request"]))])
-        for _, row in table.iterrows()
-    ]
+    """The verdict of each design, notes on a predicted one, and the bounds that it lies on."""
+    found = []
+    for _, row in table.iterrows():
+        said = map(text, (row["verdict"], *row.get("notes", ())))
+        found.append("; ".join([*said, *on_bounds(row, requests.get(row["request"]))]))
+    return found
 
 
 def best_of(page: Page) -> pd.DataFrame:
@@ -118,7 +119,8 @@ def best_of(page: Page) -> pd.DataFrame:
     parts = []
     if page.some("verified_designs"):
         done = page["verified_designs"].dropna(subset=["separation_deg"])
-        parts.append(done.assign(error_deg=done["sigma_num_deg"], basis="simulated"))
+        done = done.assign(error_deg=done["sigma_num_deg"], basis="simulated")
+        parts.append(done.assign(notes=[()] * len(done)))
     if page.some("designs"):
         table = page["designs"].sort_values("design")
         parts.append(table.assign(error_deg=table["uncertainty_deg"], basis="predicted"))

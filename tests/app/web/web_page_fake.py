@@ -109,6 +109,7 @@ def result(spec: models.DesignSpec) -> models.DesignResult:
             value=t.value,
             objective=spec.objective,
             verdict="resolved",
+            notes=["one of 2 not ranked against each other: closer than σ_num"],
             mode_change_probability=0.25,
             inside_training_domain=k > 1,
             angle_1_low_deg=t.angle_1_deg - 1,

@@ -256,9 +256,10 @@ class MeasurementsSpec(Section):
 def row_model(kind: str) -> type[Answer]:
     """Model of one row of a table; `designs` have the interval of each angle as well."""
     types = {pa.string(): str, pa.int64(): int, pa.float64(): float, pa.bool_(): bool}
+    types |= {pa.list_(arrow): list[python] for arrow, python in types.items()}
     fields: dict[str, Any] = {}
     for c in COLUMNS[kind]:
-        python = types.get(c.type, list[float])
+        python = types[c.type]
         about = f"{c.description} [{c.unit}]" if c.unit else c.description
         fields[c.name] = (python | None if c.nullable else python, Field(description=about))
     if kind == "designs":
@@ -411,6 +412,7 @@ class OptimizeAnswer(Answer):
     mode_1: str
     mode_2: str
     verdict: str
+    notes: list[str]
     convergence: list[float | None]
     importance: list[Importance]
     seconds: float

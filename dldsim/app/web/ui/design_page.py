@@ -47,6 +47,7 @@ CANDIDATE_COLUMNS = {
     "throughput_uL_per_h": ("flow [µL/h]", "%.0f"),
     "inside_training_domain": ("interpolated", ""),
     "verdict": ("verdict", ""),
+    "notes": ("notes", ""),
 }
 
 
@@ -479,8 +480,9 @@ def _finished(info: models.ModelInfo, status: models.DesignStatus) -> None:
     parts.warn(w for w in result.warnings if about is None or w not in about.warnings)
     best = designs[0]
     _metrics(best, best["uncertainty_deg"])
+    said = plain("; ".join([best["verdict"], *best["notes"]]))
     st.markdown(
-        f"Candidate 1: **{plain(best['verdict'])}**. Predicted, not simulated"
+        f"Candidate 1: **{said}**. Predicted, not simulated"
         + ("." if status.verification.state != "done" else "; simulations are below.")
     )
     st.subheader("Ranked candidates")
