@@ -14,6 +14,7 @@ include: "workflow/rules/validate.smk"
 include: "workflow/rules/accuracy.smk"
 include: "workflow/rules/reference.smk"
 include: "workflow/rules/stability.smk"
+include: "workflow/rules/survey.smk"
 include: "workflow/rules/report.smk"
 
 

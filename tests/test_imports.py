@@ -45,6 +45,7 @@ LIGHT = {
             "sections",
             "design_sections",
             "study_sections",
+            "survey_section",
             "configuration",
             "presets",
             "explain",

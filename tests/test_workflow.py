@@ -356,6 +356,7 @@ EVERYTHING = (
     "reference",
     "reference_check",
     "spot_check",
+    "survey",
 )
 OUTCOME = {"cell", "flow", "numerics", "run_control", "stiffness_sets"}
 DESIGN = {"seed", "flow", "device", "design_requests", "sweep"}
@@ -392,6 +393,9 @@ READS = {
         ("reference_pair", "critical_gap_point", "critical_gaps"), OUTCOME | {"reference"}
     ),
     **dict.fromkeys(("designs", "search_regret"), DESIGN),
+    "survey_plan": {"seed", "cell", "flow", "numerics", "stiffness_sets", "survey"},
+    "survey_point": {"cell", "flow", "numerics", "run_control"},
+    "survey": {"survey"},
     "empty_flow": {"flow", "numerics"},
     "constrict": {"cell", "flow", "numerics", "constriction", "constriction_groups"},
     "sensitivity": {"seed", "fabrication"},
@@ -428,6 +432,7 @@ CHANGES = {
     "fabrication": "fabrication={moved_deg: 0.7}",
     "accuracy": "accuracy={migration_angle: {long_rows: 90}}",
     "reference": "reference={releases: [0.2, 0.5]}",
+    "survey": "survey={shapes: {biconcave: {round_points: 2}}}",
     "limits": "limits={memory_GB: 15}",
 }
 
@@ -558,6 +563,36 @@ def test_a_comparison_without_a_reference_is_refused_before_it_runs(tmp_path):
 def test_the_spot_check_follows_the_campaign(finished):
     counts = planned(finished, "spot_check", config=TINY)
     assert counts == {"spot_check_plan": 1, "spot_check_run": 1, "spot_check": 1}
+
+
+def test_the_survey_knows_its_jobs_before_its_points(finished):
+    """Of the survey's settings those of later rounds, and of the campaign's velocity and height,
+    make no earlier round anew."""
+    jobs = plan(finished, "survey", config=TINY).jobs
+    counts = Counter(job.rule.name for job in jobs)
+    assert counts == {"survey_plan": 2, "survey_point": 3, "survey": 1}
+    given = {
+        job.params.settings["survey"]["rounds"]: job for job in jobs if "plan" in job.rule.name
+    }
+    assert (len(given[0].input), len(given[1].input)) == (0, 2)
+    for change in ("survey={rounds: 2}", "flow={mean_velocity_mm_s: 2, height_um: 30}"):
+        changed = {
+            str(job.wildcards_dict): job.params.settings
+            for job in plan(finished, "survey", config=[*TINY, change]).jobs
+            if job.rule.name != "survey"
+        }
+        assert all(
+            changed[str(job.wildcards_dict)] == job.params.settings
+            for job in jobs
+            if job.rule.name != "survey"
+        )
+    more = plan(
+        finished, "survey", config=[*TINY, "survey={shapes: {biconcave: {round_points: 2}}}"]
+    )
+    first, *_ = (
+        job for job in more.jobs if str(job.wildcards_dict) == str(given[0].wildcards_dict)
+    )
+    assert first.params.settings == given[0].params.settings
 
 
 def test_a_crash_is_tried_again_once_per_start(finished):
@@ -717,6 +752,34 @@ def test_tiny_campaign_end_to_end(tmp_path):
     assert not [*(results / "partial").glob("*")]
     assert "<html" in (results / "report.html").read_text(encoding="utf-8")[:500].lower()
     assert planned(folder, "all", config=TINY) == {}
+
+
+@pytest.mark.campaign
+def test_tiny_survey_end_to_end(tmp_path):
+    """Two first points and one chosen from their outcomes; then nothing is left to do. A plan made
+    anew with the same points costs no simulation."""
+    folder = copy_workflow(tmp_path)
+    done = snakemake(folder, "survey", "--config", *TINY)
+    assert "point 0002, round 1: biconcave of R = 7.5 µm, Ca = " in done.stderr
+    results = folder / "results" / "survey"
+    points = read_rows("survey_plan", results / "plan.parquet")
+    outcomes = read_rows("outcomes", results / "outcomes.parquet")
+    assert [p["outcome_id"] for p in points] == [o["outcome_id"] for o in outcomes]
+    assert [p["round"] for p in points] == [0, 0, 1]
+    for point, outcome in zip(points, outcomes, strict=True):
+        assert outcome["status"] not in ("failed", "unstable"), outcome["stop_reason"]
+        same = ("height_um", "mean_velocity_mm_s", "ks_uN_per_m", "cell_shape", "gap_um")
+        assert [point[name] for name in same] == [outcome[name] for name in same]
+        assert outcome["capillary_number"] == pytest.approx(point["capillary_number"])
+        assert outcome["sigma_num_basis"] != "not joined yet"
+    assert {r["outcome_id"] for r in read_rows("runs", results / "runs.parquet")} == {
+        o["outcome_id"] for o in outcomes
+    }
+    assert len(read_rows("flows", results / "flows.parquet")) == 3
+    assert planned(folder, "survey", config=TINY) == {}
+    shutil.rmtree(results / "points")
+    snakemake(folder, "survey", "--config", *TINY)
+    assert read_rows("outcomes", results / "outcomes.parquet") == outcomes  # wall times too
 
 
 def test_after_a_failure_the_report_shows_what_there_is(tmp_path):

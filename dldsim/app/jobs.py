@@ -11,7 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -144,41 +144,77 @@ def outcome_job(
     progress: Progress,
 ) -> None:
     """One outcome: as many releases as it takes; finished ones wait in `partial`."""
-    pair = identifiers.parse_outcome(identifier)
-    control = RunControl(**settings["run_control"])
-    sections = (
-        pair.geometry,
-        Stiffness(**settings["stiffness"]),
-        CellShape(**settings["cell"]),
-        Flow(**settings["flow"]),
-        Numerics(**settings["numerics"]),
-    )
     kept = Partial(partial, identifier, settings)
 
-    def simulate() -> None:
+    def empty_flow():
         [start] = read_rows("flows", flow_row)
         if start["status"] == "failed":
             raise DldsimError(f"The flow without a cell failed: {start['stop_reason']}")
-        from dldsim.experiments.array_run import simulate_outcome
         from dldsim.solver.flow import EmptyFlow
 
+        return EmptyFlow.load(flow)
+
+    if attempt_outcome(
+        identifier,
+        settings,
+        settings,
+        empty_flow=empty_flow,
+        files=files,
+        kept=kept,
+        job=identifier,
+        crashes=crashes,
+        progress=progress,
+    ):
+        kept.remove()
+
+
+def attempt_outcome(
+    identifier: str,
+    sections: Mapping,
+    settings: Mapping,
+    *,
+    empty_flow: Callable[[], Any],
+    files: OutcomeFiles,
+    kept: Partial,
+    job: str,
+    crashes: Path,
+    progress: Progress,
+) -> bool:
+    """Simulate an outcome and write its tables; whether that went well. If not, they say why.
+
+    ``sections``: what is simulated; ``settings``: what the tables say they were made with.
+    ``empty_flow`` gives the flow without a cell, or None where it is solved when it is needed.
+    """
+    pair = identifiers.parse_outcome(identifier)
+    control = RunControl(**sections["run_control"])
+    parts = (
+        pair.geometry,
+        Stiffness(**sections["stiffness"]),
+        CellShape(**sections["cell"]),
+        Flow(**sections["flow"]),
+        Numerics(**sections["numerics"]),
+    )
+
+    def simulate() -> None:
+        start = empty_flow()
+        from dldsim.experiments.array_run import simulate_outcome
+
         result = simulate_outcome(
-            *sections,
+            *parts,
             control,
             outcome_id=identifier,
             stiffness_set=pair.stiffness_set,
-            empty_flow=EmptyFlow.load(flow),
+            empty_flow=start,
             keep=kept.keep,
             progress=progress,
             finished=kept.finished(control.release_gap_fractions),
         )
         write_outcome(result, files, settings)
-        kept.remove()
 
     def give_up(reason: str) -> None:
         from dldsim.experiments.array_run import known_of
 
-        geometry, stiffness, *rest = sections
+        geometry, stiffness, *rest = parts
         known = known_of(identifier, geometry, stiffness, pair.stiffness_set, *rest)
         done = kept.finished(control.release_gap_fractions).values()
         known |= {
@@ -194,7 +230,7 @@ def outcome_job(
         write_table("runs", [r.row for r in done] or _empty("runs"), files.runs, about)
         write_table("outcomes", [_failed("outcomes", known, reason)], files.outcome, about)
 
-    _attempt(identifier, simulate, give_up, crashes, progress)
+    return _attempt(job, simulate, give_up, crashes, progress)
 
 
 def accuracy_job(
@@ -363,17 +399,19 @@ def _attempt(
     give_up: Callable[[str], None],
     crashes: Path,
     progress: Progress,
-) -> None:
+) -> bool:
     """Simulate; log and count a failure that is none of the program, and write what stands for the
-    result. Anything else is a bug, which ends the job with its traceback."""
+    result. Anything else is a bug, which ends the job with its traceback. Whether it went well."""
     try:
         simulate()
+        return True
     except (DldsimError, MemoryError) as error:
         expected = isinstance(error, DldsimError)
         reason = str(error) if expected else f"{type(error).__name__}: {error}"
         progress(reason if expected else traceback.format_exc())
         campaign.record_crash(crashes, identifier, reason)
         give_up(reason)
+        return False
 
 
 def _failed(kind: str, known: Mapping, reason: str) -> dict:

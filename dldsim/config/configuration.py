@@ -24,6 +24,7 @@ from dldsim.config.sections import (
     thousandths,
 )
 from dldsim.config.study_sections import Accuracy, Reference
+from dldsim.config.survey_section import Survey
 
 SEED_MAX = 2**63 - 1
 
@@ -97,6 +98,7 @@ class Partial(Section):
     fabrication: Fabrication = Fabrication()
     accuracy: Accuracy = Accuracy()
     reference: Reference = Reference()
+    survey: Survey = Survey()
 
     @field_validator("cell", mode="before")
     @classmethod

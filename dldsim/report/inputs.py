@@ -20,7 +20,7 @@ TABLES = {
         *(
             kind
             for kind, table in registry.TABLES.items()
-            if table.file and kind not in (*STUDIES, "critical_gaps")
+            if table.file and kind not in (*STUDIES, "critical_gaps", "survey_plan")
         ),
         *STUDIES,
     ]

@@ -9,6 +9,7 @@ from dldsim.tables import (
     design_schema,
     evidence_schema,
     simulation_schema,
+    survey_schema,
 )
 from dldsim.tables.column import Column, Table
 
@@ -18,6 +19,7 @@ TABLES: dict[str, Table] = {
     **analysis_schema.TABLES,
     **design_schema.TABLES,
     **evidence_schema.TABLES,
+    **survey_schema.TABLES,
 }
 COLUMNS: dict[str, tuple[Column, ...]] = {kind: table.columns for kind, table in TABLES.items()}
 

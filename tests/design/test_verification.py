@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from dldsim.config.design_sections import Verification as Budget
-from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
-from dldsim.design.populations import Population, make_populations, stiffness_at
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl
+from dldsim.design.populations import Population, make_populations
 from dldsim.design.rounds import verify
 from dldsim.design.simulator import Scene, Simulator, conditions
 from dldsim.design.verified import plain
@@ -335,8 +335,6 @@ def test_a_deformation_index_between_sets_is_interpolated():
     [_, cell] = make_populations(ask(), ask(deformation_index_2=0.6), CALIBRATION, SETS)
     assert cell.stiffness.ks_uN_per_m == pytest.approx(10.0)
     assert cell.stiffness.kb_pN_um == pytest.approx(0.2)
-    with pytest.raises(DldsimError, match="5 to 15"):
-        stiffness_at(16.0, SETS, "deformation_index_1")
     with pytest.raises(DldsimError, match="calibrated range"):
         make_populations(ask(), ask(deformation_index_2=0.85), CALIBRATION, SETS)
 
@@ -450,8 +448,3 @@ def test_plain_rows():
     table = pd.DataFrame({"a": [np.float64(1.5), np.nan], "b": [True, None], "c": [None, "x"]})
     assert plain(table) == [{"a": 1.5, "b": True, "c": None}, {"a": None, "b": None, "c": "x"}]
     json.dumps(plain(table))
-
-
-def test_stiffness_keeps_every_modulus():
-    assert stiffness_at(5.0, SETS, "x") == SETS["soft"]
-    assert set(Stiffness.model_fields) == set(stiffness_at(8.0, SETS, "x").model_dump())

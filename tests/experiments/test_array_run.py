@@ -137,6 +137,39 @@ def test_energies_rise_from_rest(result):
         assert (energy > -1e-9 * energy.max()).all()
 
 
+def test_velocity_and_moduli_scaled_alike_give_the_same_trajectory(empty):
+    """Of velocity and stiffness only Ca acts, where the contact, which does not scale along, is out
+    of reach; the dashpots are viscosities and stay."""
+    factor, numerics = 3.0, NUMERICS.model_copy(update={"contact_range_um": 0.0})
+    flow = FLOW.model_copy(update={"mean_velocity_mm_s": factor * FLOW.mean_velocity_mm_s})
+    moduli = {name: factor * value for name, value in SET_1.model_dump().items()}
+    stiffer = Stiffness(**moduli | {"kvisc_nN_s_per_m": SET_1.kvisc_nN_s_per_m})
+    faster = solve_empty_array(GEOMETRY, flow, numerics)
+
+    def path(stiffness, flow, empty_flow):
+        return simulate_run(
+            GEOMETRY,
+            stiffness,
+            CELL,
+            flow,
+            numerics,
+            RunControl(max_rows=2),
+            run_id="r",
+            stiffness_set="1",
+            empty_flow=empty_flow,
+        ).trajectory
+
+    one, alike, softer = (
+        path(*scene)
+        for scene in ((SET_1, FLOW, empty), (stiffer, flow, faster), (SET_1, flow, faster))
+    )
+    for name in ("step", "x_um", "y_um", "z_um", "deformation_index", "area_ratio"):
+        np.testing.assert_allclose(alike[name], one[name], rtol=0, atol=1e-4, err_msg=name)
+    np.testing.assert_allclose(factor * alike["t_ms"], one["t_ms"])
+    np.testing.assert_allclose(alike["vx_mm_s"], factor * one["vx_mm_s"], atol=1e-3)
+    assert np.abs(softer["deformation_index"][:10] - one["deformation_index"][:10]).max() > 0.05
+
+
 def test_a_run_repeats_bit_for_bit(empty, result):
     again = run(empty)
     timed = {"wall_time_s", "start_up_s", "ms_per_step", "mlups"}

@@ -32,7 +32,8 @@ def test_every_table_that_a_rule_gathers_is_known(outputs):
     written = {
         name
         for text in outputs.values()
-        for name in re.findall(r"\{RESULTS\}/((?:reference/)?\w+)\.parquet", text)
+        for name in re.findall(r"\{RESULTS\}/((?:reference/|survey/)?\w+)\.parquet", text)
     }
     other = {"outcomes_verified", "reference/reference_outcomes", "reference/sigma_num_check"}
+    other |= {"survey/outcomes", "survey/runs", "survey/flows"}
     assert written - other == {t.file.removesuffix(".parquet") for t in TABLES.values() if t.file}

@@ -71,6 +71,8 @@ except DldsimError as error:
     raise WorkflowError(str(error)) from None
 
 CONSTRICTIONS = campaign.constrictions(CONFIG)
+SURVEY = CONFIG.survey.members()
+SURVEY_POINTS = [f"{number:04d}" for number in range(len(SURVEY))]
 SPOT_CHECKED = spot_check.sample(OUTCOMES, CONFIG.seed)
 REQUESTS = [request.name for request in CONFIG.design_requests]
 
@@ -86,6 +88,7 @@ wildcard_constraints:
     numerics="campaign|reference|finest",
     search=reference_study.SEARCH_PATTERN,
     number=r"\d+",
+    round=r"\d+",
 
 
 def watch(made_by):
@@ -198,6 +201,50 @@ def spot_check_settings(wildcards):
 
 def spot_check_releases(wildcards):
     return spot_check.other_releases(CONFIG.run_control.release_gap_fractions)
+
+
+def survey_plan_settings(wildcards):
+    """What the points of a round depend on; those of the first not on what later ones are."""
+    settings = seeded("cell", "flow", "numerics", "stiffness_sets")
+    shapes = CONFIG.survey.model_dump(mode="json")["shapes"]
+    if wildcards.round == "0":
+        shapes = {shape: {**drawn, "round_points": 0} for shape, drawn in shapes.items()}
+    flow = {key: settings["flow"][key] for key in FLOW_OF_SURVEY}
+    survey = {"rounds": int(wildcards.round), "shapes": shapes}
+    return {**settings, "flow": flow, "survey": survey}
+
+
+def survey_point_settings(wildcards):
+    """Shape, velocity and height are the plan's."""
+    settings = settings_of("cell", "flow", "numerics", "run_control")
+    cell = {key: value for key, value in settings["cell"].items() if key != "shape"}
+    flow = {key: settings["flow"][key] for key in FLOW_OF_SURVEY}
+    return {**settings, "cell": cell, "flow": flow}
+
+
+FLOW_OF_SURVEY = ("viscosity_mPa_s", "drive")
+SURVEY_CRASHES = f"{RESULTS}/survey/crashes"
+
+
+def survey_crash_count(wildcards):
+    return campaign.count_crashes(Path(SURVEY_CRASHES), wildcards.number)
+
+
+def survey_before(wildcards):
+    """Outcomes of the points of all earlier rounds."""
+    return [
+        f"{RESULTS}/survey/points/{number}.outcome.parquet"
+        for number, member in zip(SURVEY_POINTS, SURVEY, strict=True)
+        if member.round < int(wildcards.round)
+    ]
+
+
+def plan_of_point(wildcards):
+    """Plan of the round of a point; a number beyond the survey has none."""
+    number = int(wildcards.number)
+    if number >= len(SURVEY):
+        raise WorkflowError(f"The survey has {len(SURVEY)} points, none of number {number}.")
+    return f"{RESULTS}/survey/plans/{SURVEY[number].round}.parquet"
 
 
 def constriction_settings(wildcards):
