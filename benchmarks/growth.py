@@ -31,7 +31,7 @@ from dldsim.experiments.migration import SETTLED
 from dldsim.report.style import render, styled
 from dldsim.solver.flow import EmptyFlow, Fluid
 from dldsim.solver.pillars import make_array
-from dldsim.solver.time_loop import CellInFlow
+from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import margins, refinement
 
 SWEEPS = {

@@ -21,10 +21,11 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
 from dldsim.experiments.array_run import make_scene
-from dldsim.solver import immersed_boundary, lattice, membrane, time_loop
+from dldsim.solver import immersed_boundary, lattice, membrane
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.jit import aligned_zeros, restrict
 from dldsim.solver.pillars import make_array
+from dldsim.solver.scene import CellInFlow
 
 GEOMETRY = Geometry(pillar_radius_um=6, gap_um=16, periodicity=8)
 STIFFNESS = Stiffness(
@@ -141,7 +142,7 @@ def parse_scene(text: str, precision: str) -> tuple[Geometry, Numerics]:
     return GEOMETRY.model_copy(update={"periodicity": periodicity}), numerics
 
 
-def unit_cell(geometry: Geometry, numerics: Numerics) -> time_loop.CellInFlow:
+def unit_cell(geometry: Geometry, numerics: Numerics) -> CellInFlow:
     """A cell in the unit cell of an array, with pillars, walls and shifted periodicity."""
     flow = Flow()
     scene = make_scene(
@@ -186,7 +187,7 @@ def _clear(field, value):
     field[:] = value
 
 
-def cell_parts(scene: time_loop.CellInFlow) -> dict[str, Callable[[int], None]]:
+def cell_parts(scene: CellInFlow) -> dict[str, Callable[[int], None]]:
     """Every part of a step by itself; the scene stays as it is."""
     fluid, body = scene.fluid, scene.body
     x, v, total = body.x.copy(), body.smooth.copy(), body.force.copy()
@@ -205,7 +206,7 @@ def cell_parts(scene: time_loop.CellInFlow) -> dict[str, Callable[[int], None]]:
     }
 
 
-def without_cell(scene: time_loop.CellInFlow) -> Fluid:
+def without_cell(scene: CellInFlow) -> Fluid:
     """The fluid of a scene once more, by itself."""
     fluid = scene.fluid
     alone = Fluid(fluid.lattice, fluid.relaxation_time, fluid.collision, fluid.inertia, fluid.dtype)

@@ -56,27 +56,17 @@ def start_up(flow_file: Path, edge: float, rounds: int) -> dict[str, dict[str, f
 
 
 @numba.njit
-def _with_fields(steps, f, f_new, force, velocity, streaming, parameters, inertia, buf):
-    for _ in range(steps // 2):
-        stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
-        stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
+def _with_fields(steps, fluid):
+    for step in range(steps):
+        f, f_new = (fluid.f_new, fluid.f) if step % 2 else (fluid.f, fluid.f_new)
+        stream_collide(f, f_new, fluid.force, fluid.velocity, fluid.scheme)
 
 
 def with_fields(fluid: Fluid):
     """Steps of a fluid that reads a force and writes its velocity at every node, as beside a cell;
     alone it does neither.
     """
-    state = (
-        fluid.f,
-        fluid.f_new,
-        fluid.force,
-        fluid.velocity,
-        fluid.lattice.streaming,
-        fluid.parameters,
-        fluid.inertia,
-        fluid.buffer,
-    )
-    return lambda steps: _with_fields(steps, *state)
+    return lambda steps: _with_fields(steps, fluid.state)
 
 
 def account(text: str, rows: int, rounds: int) -> dict:

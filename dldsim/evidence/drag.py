@@ -63,30 +63,17 @@ def drag_over_radius(radius: float) -> float:
 
 
 @jit
-def push_steadily(
-    steps,
-    push,
-    f,
-    f_new,
-    force,
-    velocity,
-    streaming,
-    parameters,
-    inertia,
-    buf,
-    stencil,
-    vertex_velocity,
-    kick,
-):
-    """An even number of steps of a fluid under the vertex forces ``push`` (V, 3)."""
-    force[:] = 0.0
-    spread(push, stencil, force)
+def push_steadily(steps, push, fluid, stencil, vertex_velocity, kick):
+    """An even number of steps of a fluid under the vertex forces ``push`` (V, 3).
+
+    Fills the velocity and the force density (V, 3) that the vertices then find.
+    """
+    fluid.force[:] = 0.0
+    spread(push, stencil, fluid.force)
     for step in range(steps):
-        if step % 2 == 0:
-            stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf)
-        else:
-            stream_collide(f_new, f, force, velocity, streaming, parameters, inertia, buf)
-    interpolate_both(velocity, force, stencil, vertex_velocity, kick)
+        f, f_new = (fluid.f_new, fluid.f) if step % 2 else (fluid.f, fluid.f_new)
+        stream_collide(f, f_new, fluid.force, fluid.velocity, fluid.scheme)
+    interpolate_both(fluid.velocity, fluid.force, stencil, vertex_velocity, kick)
 
 
 def lag_under_traction(
@@ -115,21 +102,8 @@ def lag_under_traction(
     locate(radius * normal + (width // 2 + np.asarray(offset)), make_domain(lattice), stencil)
     push, vertex_velocity, kick = (np.zeros_like(normal) for _ in range(3))
     push[:, 0] = total * share
-    push_steadily(
-        2 * round(DIFFUSION_TIMES * width**2 / nu / 8),
-        push,
-        fluid.f,
-        fluid.f_new,
-        fluid.force,
-        fluid.velocity,
-        lattice.streaming,
-        fluid.parameters,
-        False,
-        fluid.buffer,
-        stencil,
-        vertex_velocity,
-        kick,
-    )
+    steps = 2 * round(DIFFUSION_TIMES * width**2 / nu / 8)
+    push_steadily(steps, push, fluid.state, stencil, vertex_velocity, kick)
     vertex_velocity -= fluid.mean_velocity()
     drag = total / (6 * np.pi * nu * width)  # a K/L times the velocity
     expected = np.array([drag / drag_over_radius(radius / width), 0.0, 0.0])

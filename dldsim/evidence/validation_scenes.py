@@ -12,7 +12,8 @@ from dldsim.experiments.array_run import make_scene, simulate_run
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.membrane import elastic_forces
 from dldsim.solver.pillars import make_array, make_pillars
-from dldsim.solver.time_loop import DAMPING_INTERVAL, CellInFlow
+from dldsim.solver.scene import CellInFlow
+from dldsim.solver.time_loop import DAMPING_INTERVAL
 from dldsim.solver.units import Units
 
 GEOMETRY = Geometry(pillar_radius_um=7, gap_um=16, periodicity=8)
@@ -72,17 +73,7 @@ def _in_box(stiffness: Stiffness, inertia: str = "stokes") -> CellInFlow:
     numerics = Numerics(precision="float64", inertia=inertia)
     lattice = make_pillars(28, 0, 0.0, height=16)
     fluid = Fluid.of(lattice, numerics)
-    scene = CellInFlow(
-        fluid,
-        Units.of(1.25, Flow(), numerics),
-        Cell(),
-        stiffness,
-        numerics,
-        {},
-        np.eye(2),
-        np.zeros(2),
-    )
-    scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
+    scene = CellInFlow(fluid, Units.of(1.25, Flow(), numerics), Cell(), stiffness, numerics, {})
     scene.place((14.0, 14.0, 8.0))
     scene.body.x[:, 0] += 0.2 * (scene.body.x[:, 0] - 14.0)
     return scene
@@ -124,8 +115,7 @@ def _cell() -> Iterator[Comparison]:
     array = make_array(GEOMETRY, Flow(), numerics)
     idle = MEMBRANE.model_copy(update=dict.fromkeys(Stiffness.model_fields, 0.0))
     still = numerics.model_copy(update={"contact_range_um": 0.0})
-    scene = make_scene(array, flow, idle, Cell(), Flow(), still)
-    scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
+    scene = make_scene(array, flow, idle, Cell(), Flow(), still, driven=False)
     alone = Fluid.of(array.lattice, numerics)
     alone.f[:] = flow.populations
     alone.set_body_force([*flow.body_force, 0.0])

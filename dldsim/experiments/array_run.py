@@ -34,8 +34,10 @@ from dldsim.experiments.migration import (
     taken_together,
 )
 from dldsim.solver.flow import EmptyFlow, Fluid, solve_empty_array
+from dldsim.solver.observe import Sample, deformation_index
 from dldsim.solver.pillars import ArrayLattice, make_array
-from dldsim.solver.time_loop import CellInFlow, Sample, deformation_index
+from dldsim.solver.scene import CellInFlow
+from dldsim.solver.time_loop import make_drive
 from dldsim.solver.time_step import (
     again_if_unstable,
     bottleneck,
@@ -569,10 +571,13 @@ def make_scene(
     cell: Cell,
     flow: Flow,
     numerics: Numerics,
+    *,
+    driven: bool = True,
 ) -> CellInFlow:
     """A cell at its place of release, midway between rows, in the flow of the empty array.
 
-    Raises DldsimError if the cell would overlap a pillar or a wall.
+    ``driven``: whether the body force is corrected towards the wanted mean velocity. Raises NoRoom
+    if the cell would overlap a pillar or a wall.
     """
     units = Units.of(array.spacing_um, flow, numerics)
     fluid = Fluid.of(array.lattice, numerics)
@@ -596,8 +601,7 @@ def make_scene(
             "plates": True,
             "height": float(array.height),
         },
-        mobility,
-        np.array([numerics.velocity_lu, 0.0]),
+        make_drive(array.lattice, mobility, (numerics.velocity_lu, 0.0)) if driven else None,
     )
     gap = array.pitch - 2 * array.radius
     # Midway between rows -1 and 0 the gap is displaced by half a row shift.

@@ -17,7 +17,9 @@ from dldsim.experiments.array_run import REMEDY, Progress, Record
 from dldsim.laws import even_throat, viscosity
 from dldsim.solver.flow import Fluid, advance_to_steady
 from dldsim.solver.lattice import Lattice, make_lattice
-from dldsim.solver.time_loop import CellInFlow, deformation_index
+from dldsim.solver.observe import deformation_index
+from dldsim.solver.scene import CellInFlow
+from dldsim.solver.time_loop import make_drive
 from dldsim.solver.time_step import again_if_unstable, bottleneck, margins, refined, refinement
 from dldsim.solver.units import Units
 
@@ -149,8 +151,9 @@ def _simulate(
                 "centre": scene_channel.centre,
                 "length": float(scene_channel.length),
             },
-            np.diag([mobility, np.inf]),
-            np.array([numerics.velocity_lu * box_share, 0.0]),
+            make_drive(
+                lattice, np.diag([mobility, np.inf]), (numerics.velocity_lu * box_share, 0.0)
+            ),
         )
 
     trial = make_scene(numerics)

@@ -12,13 +12,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dldsim.config.sections import Cell, Numerics, Stiffness
+from dldsim.config.sections import Cell, Numerics
 from dldsim.errors import DldsimError
 from dldsim.laws import viscosity
 from dldsim.solver import membrane as mb
 from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import VELOCITIES, WEIGHTS, make_lattice
-from dldsim.solver.time_loop import CellInFlow, volume_stiffness
+from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import elastic_frequency, frequency_limit
 from dldsim.solver.units import Units
 
@@ -192,18 +192,12 @@ def _scene(
         fluid,
         Units(1.0, 1.0, 1.0, 1.0, viscosity(numerics.relaxation_time)),
         Cell(shape="sphere", radius_um=radius),
-        Stiffness(**dict.fromkeys(Stiffness.model_fields, 0)),
+        moduli._replace(kv=math.inf),
         numerics,
         {},
-        np.eye(2),
-        np.zeros(2),
     )
-    scene.drive = scene.drive._replace(gain=np.zeros((2, 2)))
-    rest = scene.membrane
-    nu = scene.units.viscosity_lu
-    stiffest = volume_stiffness(math.inf, rest.rest_area, rest.rest_volume, nu)
-    scene.moduli = moduli._replace(kv=stiffest)
     if flat_rest_angles:
+        rest = scene.membrane
         scene.membrane = rest._replace(rest_angles=np.zeros_like(rest.rest_angles))
     scene.place((nx / 2, ny / 2, nz / 2))
     return scene

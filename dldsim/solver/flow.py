@@ -21,7 +21,14 @@ from dldsim.errors import DldsimError
 from dldsim.files import atomic_path, why_not_read
 from dldsim.laws import viscosity
 from dldsim.solver.jit import aligned_zeros, jit
-from dldsim.solver.lattice import BLOCK, Lattice, collision_parameters, stream_collide
+from dldsim.solver.lattice import (
+    BLOCK,
+    FluidState,
+    Lattice,
+    Scheme,
+    collision_parameters,
+    stream_collide,
+)
 from dldsim.solver.pillars import ArrayLattice, make_array
 
 STEADY_TOLERANCE = {"float32": 2e-6, "float64": 1e-9}
@@ -30,14 +37,13 @@ MAX_STEPS = 200_000
 
 
 @jit
-def advance_fluid(steps, f, f_new, velocity, streaming, parameters, inertia, buf):
-    """An even number of time steps under the uniform force alone; the state ends in ``f``."""
-    nothing = velocity[:0]
-    for pair in range(steps // 2):
-        last = pair == steps // 2 - 1
-        stream_collide(f, f_new, nothing, nothing, streaming, parameters, inertia, buf)
-        asked = velocity if last else nothing
-        stream_collide(f_new, f, nothing, asked, streaming, parameters, inertia, buf)
+def advance_fluid(steps, fluid):
+    """An even number of time steps under the uniform force alone; velocity of the last one."""
+    nothing = fluid.velocity[:0]
+    for step in range(0, steps, 2):
+        stream_collide(fluid.f, fluid.f_new, nothing, nothing, fluid.scheme)
+        asked = fluid.velocity if step == steps - 2 else nothing
+        stream_collide(fluid.f_new, fluid.f, nothing, asked, fluid.scheme)
 
 
 @dataclass
@@ -77,18 +83,18 @@ class Fluid:
             self.relaxation_time, self.collision, self.body_force, self.dtype
         )
 
+    @property
+    def scheme(self) -> Scheme:
+        return Scheme(self.lattice.streaming, self.parameters, self.inertia, self.buffer)
+
+    @property
+    def state(self) -> FluidState:
+        """What the kernels work on."""
+        return FluidState(self.f, self.f_new, self.force, self.velocity, self.scheme)
+
     def advance(self, steps: int) -> None:
         """Advance by an even number of steps."""
-        advance_fluid(
-            steps,
-            self.f,
-            self.f_new,
-            self.velocity,
-            self.lattice.streaming,
-            self.parameters,
-            self.inertia,
-            self.buffer,
-        )
+        advance_fluid(steps, self.state)
         self.steps += steps
 
     def velocity_field(self) -> np.ndarray:

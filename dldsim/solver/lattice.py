@@ -391,11 +391,12 @@ def _collide(buf, force, velocity, at, to, parameters, inertia):
     Written out over the stencil so that the compiler turns it into straight vector code; the tests
     hold its loop form.
     """
-    omega_plus, omega_minus = parameters[0], parameters[1]
-    force_plus, force_minus = parameters[2], parameters[3]
-    bodyx, bodyy, bodyz = parameters[4], parameters[5], parameters[6]
-    w0, w1, w2 = parameters[7], parameters[8], parameters[9]
-    zero, half, three, nine = parameters[10], parameters[11], parameters[12], parameters[13]
+    omega_plus, omega_minus = parameters.omega_plus, parameters.omega_minus
+    force_plus, force_minus = parameters.force_plus, parameters.force_minus
+    body_force = parameters.body_force
+    bodyx, bodyy, bodyz = body_force[0], body_force[1], body_force[2]
+    w0, w1, w2 = parameters.w0, parameters.w1, parameters.w2
+    zero, half, three, nine = parameters.zero, parameters.half, parameters.three, parameters.nine
     forcex, forcey, forcez = force
     ux, uy, uz = velocity
     for i in range(BLOCK):
@@ -519,34 +520,77 @@ def _collide(buf, force, velocity, at, to, parameters, inertia):
         uz[to + i] = jz
 
 
+class CollisionParameters(NamedTuple):
+    """Constants of the collision, in the precision of the populations: a literal would be double.
+
+    ``omega_plus``, ``omega_minus``: rates of the even and the odd part of the populations;
+    ``force_plus``, ``force_minus``: 1 - ω/2, by which the force goes with them; ``body_force``
+    (3,): uniform force density, which a drive corrects in place; ``w0``, ``w1``, ``w2``: weights
+    of rest, along an axis and across.
+    """
+
+    omega_plus: np.floating
+    omega_minus: np.floating
+    force_plus: np.floating
+    force_minus: np.floating
+    body_force: np.ndarray
+    w0: np.floating
+    w1: np.floating
+    w2: np.floating
+    zero: np.floating
+    half: np.floating
+    three: np.floating
+    nine: np.floating
+
+
 def collision_parameters(
     relaxation_time: float, collision: str, body_force, dtype=np.float32
-) -> np.ndarray:
-    """Constants of the collision kernel in the precision of the populations.
+) -> CollisionParameters:
+    """Constants of the collision in the precision ``dtype`` of the populations.
 
     ``collision``: "trt" (second rate from the magic parameter) or "bgk" (both rates equal).
     ``body_force`` (3,): uniform force density.
     """
+    one = np.dtype(dtype).type
     omega_plus = 1 / relaxation_time
     if collision == "trt":
         omega_minus = 1 / (0.5 + MAGIC_PARAMETER / (relaxation_time - 0.5))
     else:
         omega_minus = omega_plus
-    return np.array(
-        [
-            omega_plus,
-            omega_minus,
-            1 - omega_plus / 2,
-            1 - omega_minus / 2,
-            *body_force,
-            *WEIGHTS[[0, 1, 7]],
-            0,
-            0.5,
-            3,
-            9,
-        ],
-        dtype,
+    return CollisionParameters(
+        one(omega_plus),
+        one(omega_minus),
+        one(1 - omega_plus / 2),
+        one(1 - omega_minus / 2),
+        np.array(body_force, dtype),
+        *map(one, WEIGHTS[[0, 1, 7]]),
+        *map(one, (0, 0.5, 3, 9)),
     )
+
+
+class Scheme(NamedTuple):
+    """How one fluid goes on: see :class:`Streaming` and `_collide`.
+
+    ``buf`` (26 * BLOCK,): work space, its last rows zero.
+    """
+
+    streaming: Streaming
+    parameters: CollisionParameters
+    inertia: bool
+    buf: np.ndarray
+
+
+class FluidState(NamedTuple):
+    """Arrays of one fluid and how it goes on; see `stream_collide`.
+
+    Even steps go from ``f`` to ``f_new``, odd ones back.
+    """
+
+    f: np.ndarray
+    f_new: np.ndarray
+    force: np.ndarray
+    velocity: np.ndarray
+    scheme: Scheme
 
 
 @restrict
@@ -576,15 +620,16 @@ def _components(field):
 
 
 @jit
-def stream_collide(f, f_new, force, velocity, streaming, parameters, inertia, buf):
+def stream_collide(f, f_new, force, velocity, scheme):
     """One time step from populations ``f`` (after collision) to ``f_new``.
 
     ``f``, ``f_new`` (20 * stride,), of which the last stride is work space: windows on the same
     memory, `lead` elements apart, in which the step leaves nothing of ``f``; or two arrays.
     ``force``, ``velocity`` (3 * stride,): force density beside the uniform one, and the velocity
     that belongs to the state between streaming and collision; either may be empty: no force, and
-    velocity not asked for. ``buf`` (26 * BLOCK,): work space, its last rows zero.
+    velocity not asked for.
     """
+    streaming, parameters, inertia, buf = scheme
     spare = np.uint64(20) * BLOCK
     forced, asked = np.uint64(len(force) > 0), np.uint64(len(velocity) > 0)
     forces = _components(force if forced else buf[spare + np.uint64(3) * BLOCK :])

@@ -2,7 +2,7 @@
 
 Leapfrog moves a vertex with the momentum that its force has just changed. An elastic mode then has
 ω² = λ(W K), with the stiffness K of the membrane and what a force gives back to the vertices within
-the step, W (see `time_loop.largest_gain`); undamped leapfrog bears ω² < 4. A fluid that is itself
+the step, W (see `scene.largest_gain`); undamped leapfrog bears ω² < 4. A fluid that is itself
 an explicit, compressible oscillator bears less, and how much depends on its viscosity: THRESHOLDS,
 measured. Every margin here is in proportion to the velocity in lattice units, that is, to the time
 step.
@@ -16,7 +16,7 @@ import numpy as np
 from dldsim.config.sections import Numerics
 from dldsim.solver.immersed_boundary import EVEN_ODD
 from dldsim.solver.membrane import area_modulus, elastic_forces
-from dldsim.solver.time_loop import CellInFlow, largest_gain
+from dldsim.solver.scene import CellInFlow, largest_gain
 
 THRESHOLDS = {0.52: 0.26, 0.55: 0.39, 0.65: 0.8, 0.8: 1.44, 1.25: 2.0, 2.0: 1.78, 3.0: 1.34}
 """Largest ω² that held at a relaxation time, even-odd kernels: see `stability_sweep`."""
@@ -60,7 +60,7 @@ class Margins(NamedTuple):
 def elastic_frequency(scene: CellInFlow) -> float:
     """ω² of the stiffest elastic mode, hinges stiffened, lattice units.
 
-    The volume term, a single mode, has its own limit (`time_loop.volume_stiffness`).
+    The volume term, a single mode, has its own limit (`scene.volume_stiffness`).
     """
     x = scene.body.x
     moduli = scene.moduli._replace(kb=BENDING_GROWTH * scene.moduli.kb, kv=0.0, kvisc=0.0)

@@ -14,7 +14,7 @@ from dldsim.experiments import array_run
 from dldsim.experiments.array_run import Path, Reporter, make_scene, simulate_outcome, simulate_run
 from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.solver.flow import array_of, solve_empty_array
-from dldsim.solver.time_loop import Sample
+from dldsim.solver.observe import Sample
 from dldsim.solver.time_step import refined
 from dldsim.tables.numerics import settings_of
 from dldsim.tables.parquet import read_rows, write_table

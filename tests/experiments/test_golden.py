@@ -3,7 +3,7 @@
 import pytest
 
 from dldsim import PHYSICS_VERSION
-from dldsim.solver import time_loop
+from dldsim.solver import scene, time_loop
 from tests.experiments.golden import RUNS, SET_3, array_path, read_golden
 
 ACROSS_PROCESSORS = 1e-9
@@ -46,7 +46,7 @@ def test_volume_stiffness_shows_below_what_the_step_carries():
 
 @pytest.mark.parametrize("name", ["CONTACT_STRENGTH", "CONTACT_EXPONENT"])
 def test_a_constant_of_the_contact_shows(name, monkeypatch):
-    monkeypatch.setattr(time_loop, name, 1.1 * getattr(time_loop, name))
+    monkeypatch.setattr(scene, name, 1.1 * getattr(scene, name))
     assert moved() > CHANGED
 
 

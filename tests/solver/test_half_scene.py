@@ -45,7 +45,7 @@ from dldsim.solver.membrane import (
 from dldsim.solver.mesh import make_shape
 from dldsim.solver.mirror import Mirror, half_of, images, reflect, spread_both
 from dldsim.solver.pillars import make_array
-from dldsim.solver.time_loop import ITERATIONS, STRAIN, largest_gain
+from dldsim.solver.scene import ITERATIONS, STRAIN, largest_gain
 from dldsim.solver.time_step import elastic_frequency, margins
 from tests.solver import naive
 
@@ -122,20 +122,11 @@ def test_streaming_equals_the_lower_half_of_its_loop_form(height, interpolated):
     whole = rng.normal(size=(19, lattice.columns, height))
     whole += whole[MIRRORED, :, ::-1]
     nodes_of(fluid.f, lattice)[:19] = whole[:, :, :19]
-    windows = [fluid.f, fluid.f_new]
-    for _ in range(2):  # there, and back, when the list of nodes is walked from its end
-        stream_collide(
-            *windows,
-            fluid.force,
-            fluid.velocity,
-            lattice.streaming,
-            fluid.parameters,
-            False,
-            fluid.buffer,
-        )
-        windows.reverse()
+    # There, and back, when the list of nodes is walked from its end.
+    for f, f_new in ((fluid.f, fluid.f_new), (fluid.f_new, fluid.f)):
+        stream_collide(f, f_new, fluid.force, fluid.velocity, fluid.scheme)
         whole = naive.stream(whole, lattice.column, height, True, 4, fraction)
-        after = nodes_of(windows[0], lattice)[:19]
+        after = nodes_of(f_new, lattice)[:19]
         np.testing.assert_allclose(after, whole[:, :, :19], rtol=0, atol=1e-13)
 
 

@@ -28,7 +28,8 @@ from dldsim.solver.immersed_boundary import (
 )
 from dldsim.solver.lattice import VELOCITIES, WEIGHTS, make_lattice
 from dldsim.solver.pillars import pillar_distance
-from dldsim.solver.time_loop import DAMPING_INTERVAL, CellInFlow
+from dldsim.solver.scene import CellInFlow
+from dldsim.solver.time_loop import DAMPING_INTERVAL
 from dldsim.solver.units import Units
 from tests.solver import naive
 
@@ -200,8 +201,6 @@ def make_cell(
         SET_1,
         numerics,
         {"plates": True, "height": float(box[2])} if walls else {},
-        np.diag([np.inf, np.inf]),
-        np.zeros(2),
     )
     scene.place(np.array(box) / 2 + 0.3 if place is None else place)
     return scene

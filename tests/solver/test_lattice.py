@@ -27,30 +27,12 @@ def make_fluid(lattice, relaxation_time=0.8, collision="trt", inertia=False, dty
 
 def step(fluid):
     """One step; the state moves to ``f_new``, and nothing is left of ``f``."""
-    stream_collide(
-        fluid.f,
-        fluid.f_new,
-        fluid.force,
-        fluid.velocity,
-        fluid.lattice.streaming,
-        fluid.parameters,
-        fluid.inertia,
-        fluid.buffer,
-    )
+    stream_collide(fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.scheme)
 
 
 def step_back(fluid):
     """The next one; the state returns to ``f``."""
-    stream_collide(
-        fluid.f_new,
-        fluid.f,
-        fluid.force,
-        fluid.velocity,
-        fluid.lattice.streaming,
-        fluid.parameters,
-        fluid.inertia,
-        fluid.buffer,
-    )
+    stream_collide(fluid.f_new, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
 
 
 def nodes_of(array, lattice):

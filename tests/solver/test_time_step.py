@@ -11,7 +11,7 @@ from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.immersed_boundary import interpolate, locate, spread
 from dldsim.solver.lattice import make_lattice
 from dldsim.solver.membrane import elastic_forces
-from dldsim.solver.time_loop import CellInFlow
+from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import again_if_unstable
 from dldsim.solver.units import Units
 
@@ -35,8 +35,6 @@ def make_scene(stiffness=SET_5, edge_to_spacing=2.0, **numerics):
         stiffness,
         numerics,
         {},
-        np.eye(2),
-        np.zeros(2),
     )
     scene.place((10.2, 9.7, 10.4))
     return scene
