@@ -31,8 +31,9 @@ from benchmarks.kernels import (
     without_cell,
 )
 from dldsim.config.sections import Cell, Flow, RunControl
-from dldsim.experiments.array_run import Record, simulate_run
+from dldsim.experiments.array_run import simulate_run
 from dldsim.experiments.outcome_files import write_run
+from dldsim.experiments.recording import Record
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.lattice import stream_collide
 

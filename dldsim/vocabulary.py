@@ -4,7 +4,8 @@ SETTLED = ("converged", "periodic", "stationary")
 """Statuses of a motion whose angle is known."""
 DECIDED = ("decided", "coexisting")
 """Statuses of an outcome whose releases have all settled."""
-BROKEN = ("stuck", "unstable", "failed")
+STUCK, UNSTABLE = "stuck", "unstable"
+BROKEN = (STUCK, UNSTABLE, "failed")
 """Statuses of a run that broke off, and of an outcome without an angle."""
 MODES = ("bump", "mixed", "zigzag", "none")
 GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]

@@ -18,13 +18,16 @@ from dldsim.errors import DldsimError
 from dldsim.evidence.drag import lag_under_traction
 from dldsim.evidence.reference import read_reference
 from dldsim.evidence.validation import Comparison
-from dldsim.experiments.array_run import Path, make_scene
+from dldsim.experiments.array_run import Path, make_scene, row_patience
 from dldsim.experiments.constriction import simulate_constriction
+from dldsim.experiments.runner import Stop, advance_until
 from dldsim.experiments.shear import capsule_in_shear as shear_run
 from dldsim.experiments.shear import inertia_ellipse
 from dldsim.laws import SCATTER_OF_DAVIS, SOURCE_OF_DAVIS, critical_diameter
 from dldsim.solver.flow import EmptyFlow, array_of, solve_empty_array
+from dldsim.solver.observe import Sample
 from dldsim.solver.time_loop import MEMBRANE_SLIP
+from dldsim.vocabulary import BROKEN
 
 # --------------------------------------------------------------------------- hydrodynamic radius
 
@@ -367,33 +370,29 @@ def sphere_passage(flow: EmptyFlow, diameter: float) -> Passage:
     )
     cell = Cell(shape="sphere", radius_um=diameter * GAP_UM / 2, release_gap_fraction=0.0)
     scene = make_scene(array, flow, stiffness, cell, flow.flow, flow.numerics)
-    row_steps = array.pitch / SPHERE_VELOCITY
-    path, deformation, rows, gained = Path(float(array.pitch)), 0.0, 0, []
-    path.add(scene.sample())
-    while rows < periodicity + 2:
-        scene.advance(2 * round(row_steps / 40))
-        sample = scene.sample()
-        trouble = sample.trouble() or (
-            "the sphere stopped" if path.idle(scene.steps, 3 * row_steps) else None
-        )
-        if trouble:
-            raise DldsimError(
-                f"Sphere of {diameter:.3f} gaps at N_p = {periodicity}, {array.pitch} nodes per "
-                f"pitch, step {scene.steps}: {trouble}."
-            )
-        path.add(sample)
+    path, deformations = Path(float(array.pitch)), []
+
+    def fallen() -> bool:
+        return path.crossings()[-1] < array.pitch / 2 + (path.rows - 0.5) * array.row_shift
+
+    def watch(sample: Sample) -> Stop | None:
         a, b, _ = inertia_ellipse(scene.positions()[:, [0, 2, 1]], scene.surface[0].faces)
-        deformation = max(deformation, (a - b) / (a + b))
-        if path.rows == rows:
-            continue
-        rows, lateral = path.rows, path.crossings()
-        level = array.pitch / 2 + (rows - 0.5) * array.row_shift
-        gained = np.diff(lateral)[-2:] / array.row_shift
-        if lateral[-1] < level:
-            return Passage(False, rows, deformation, sample.volume_ratio)
-        if len(gained) == 2 and gained.min() > BUMPING:
-            break
-    return Passage(True, rows, deformation, sample.volume_ratio)
+        deformations.append((a - b) / (a + b))
+        if not path.add(sample):
+            return None
+        gained = np.diff(path.crossings())[-2:] / array.row_shift
+        bumps = len(gained) == 2 and gained.min() > BUMPING
+        clear = fallen() or bumps or path.rows >= periodicity + 2
+        return Stop("converged", "the mode is clear") if clear else None
+
+    chunk = 2 * round(array.pitch / SPHERE_VELOCITY / 40)
+    stop = advance_until(scene, chunk, watch, patience=row_patience(array, flow.numerics))
+    if stop.status in BROKEN:
+        raise DldsimError(
+            f"Sphere of {diameter:.3f} gaps at N_p = {periodicity}, {array.pitch} nodes per "
+            f"pitch: {stop.reason}."
+        )
+    return Passage(not fallen(), path.rows, max(deformations), scene.sample().volume_ratio)
 
 
 # ---------------------------------------------------------------------------- constriction shape

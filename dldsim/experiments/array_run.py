@@ -7,7 +7,7 @@ anywhere.
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -33,13 +33,14 @@ from dldsim.experiments.migration import (
     row_crossings,
     taken_together,
 )
+from dldsim.experiments.recording import Record
+from dldsim.experiments.runner import Patience, Progress, Stop, advance_until, again_if_unstable
 from dldsim.solver.flow import EmptyFlow, Fluid, solve_empty_array
 from dldsim.solver.observe import Sample, deformation_index
 from dldsim.solver.pillars import ArrayLattice, make_array
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_loop import make_drive
 from dldsim.solver.time_step import (
-    again_if_unstable,
     bottleneck,
     describe,
     incurable,
@@ -50,71 +51,12 @@ from dldsim.solver.time_step import (
 )
 from dldsim.solver.units import Units
 from dldsim.tables.numerics import columns_of
-from dldsim.vocabulary import SETTLED
+from dldsim.vocabulary import SETTLED, STUCK, UNSTABLE
 
-Progress = Callable[[str], None] | None
-
-STUCK_ROWS = 3.0
-"""A cell is stuck if it crosses less than a tenth of a row while the mean flow passes this many."""
+STUCK_ADVANCE, STUCK_ROWS = 0.1, 3.0
+"""A cell is stuck if it crosses less than this part of a row while the mean flow passes so many."""
 RELEASE_CLEARANCE = 0.5
 """Least distance, in nodes, between membrane and solids at release."""
-
-
-@dataclass
-class Record:
-    """Samples of a run, turned into the columns of a table at the end."""
-
-    run_id: str
-    units: Units
-    origin: np.ndarray
-    samples: list = field(default_factory=list)
-    energies: list = field(default_factory=list)
-
-    def add(self, sample: Sample, energies) -> None:
-        self.samples.append(sample)
-        self.energies.append(energies)
-
-    def column(self, name: str) -> np.ndarray:
-        return np.array([getattr(s, name) for s in self.samples])
-
-    def positions_um(self) -> np.ndarray:
-        """Centres (samples, 3) [µm] from the origin."""
-        return (self.column("centre") - self.origin) * self.units.spacing_um
-
-    def extents_um(self) -> np.ndarray:
-        """Bounding boxes (samples, 3) [µm]."""
-        return self.column("extent") * self.units.spacing_um
-
-    def time_and_place(self) -> dict[str, np.ndarray]:
-        """Columns that every trajectory table has."""
-        x, y, z = self.positions_um().T
-        return {
-            "run_id": np.full(len(self.samples), self.run_id),
-            "step": self.column("step"),
-            "t_ms": self.column("step") * self.units.time_step_us / 1e3,
-            "x_um": x,
-            "y_um": y,
-            "z_um": z,
-        }
-
-    def trajectory(self) -> dict[str, np.ndarray]:
-        """Columns of the `trajectory` table."""
-        dx, dy, _ = self.extents_um().T
-        index, a, b = deformation_index(dx, dy)
-        v = self.units.velocity_from_lu(self.column("velocity"))
-        energy = self.units.energy_aJ(np.array(self.energies))
-        terms = ("stretching", "bending", "local_area", "global_area", "volume")
-        return {
-            **self.time_and_place(),
-            **{f"v{axis}_mm_s": v[:, d] for d, axis in enumerate("xyz")},
-            "deformation_index": index,
-            "axis_a_um": a,
-            "axis_b_um": b,
-            "volume_ratio": self.column("volume_ratio"),
-            "area_ratio": self.column("area_ratio"),
-            "clearance_um": self.column("clearance") * self.units.spacing_um,
-            **{f"energy_{term}_aJ": energy[:, k] for k, term in enumerate(terms)},
-        }
 
 
 @dataclass(frozen=True)
@@ -226,57 +168,48 @@ def _simulate(
     if shorter == 1:
         check_time(array.lattice.nodes, control.max_rows * row_steps, shortened)
     chunk = 2 * max(1, round(row_steps / control.records_per_row / 2))
-    patience = STUCK_ROWS * row_steps
-    lateral = np.array([])
     path = Path(pitch=float(array.pitch))
-    reporter = Reporter(progress, control.max_rows, array, scene)
-    status = reason = None
-    sample = scene.sample()
 
-    def keep() -> None:
-        record.add(sample, scene.energies())
-        path.add(sample)
-        if observe:
-            observe(scene, record)
-
-    def analyse(lateral: np.ndarray) -> Migration:
+    def analyse() -> Migration:
         return analyse_path(
-            lateral * array.spacing_um, geometry.pitch_um, geometry.periodicity, control, others
+            path.crossings() * array.spacing_um,
+            geometry.pitch_um,
+            geometry.periodicity,
+            control,
+            others,
         )
 
-    keep()
+    def watch(sample: Sample) -> Stop | None:
+        record.add(sample, scene.energies())
+        if observe:
+            observe(scene, record)
+        if not path.add(sample):
+            return None
+        found = analyse()
+        settled = found.status in SETTLED and path.rows >= control.min_rows
+        over = path.rows >= control.max_rows
+        return Stop(found.status, found.reason) if settled or over else None
+
+    def where(sample: Sample) -> tuple[str, float]:
+        x = sample.centre[0]
+        words = f"cell at x = {x * array.spacing_um:.1f} µm"
+        rows = f"{path.rows} of at most {control.max_rows} rows"
+        return f"{words}, {rows}", x / array.pitch / control.max_rows
+
     loop = time.perf_counter()
-    while status is None:
-        scene.advance(chunk)
-        sample = scene.sample()
-        trouble = sample.trouble()
-        if trouble:
-            status, reason = "unstable", f"{trouble} at step {scene.steps}; {REMEDY}"
-            break
-        keep()
-        if path.rows > len(lateral) - 1:
-            lateral = path.crossings()
-            result = analyse(lateral)
-            settled = result.status in SETTLED and path.rows >= control.min_rows
-            if settled or path.rows >= control.max_rows:
-                status, reason = result.status, result.reason
-        if path.idle(scene.steps, patience):
-            status = "stuck"
-            reason = (
-                f"the cell moved less than {0.1 * geometry.pitch_um:.1f} µm in the time in which "
-                f"the mean flow passes {STUCK_ROWS:g} rows (step {scene.steps})"
-            )
-        reporter.report(sample, path.rows)
+    stop = advance_until(
+        scene, chunk, watch, patience=row_patience(array, numerics), progress=progress, where=where
+    )
     wall = time.perf_counter() - loop
-    migration = analyse(path.crossings())
-    if status in ("unstable", "stuck"):
-        migration = broken_off(status, reason, migration.lateral_steps)
+    migration = analyse()
+    if stop.status in (STUCK, UNSTABLE):
+        migration = broken_off(*stop, migration.lateral_steps)
     row = {
         "run_id": run_id,
         **known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, wanted),
         "release_gap_fraction": cell.release_gap_fraction,
-        "status": status,
-        "stop_reason": reason,
+        "status": stop.status,
+        "stop_reason": stop.reason,
         **{name: getattr(migration, name) for name in MIGRATION},
         "rows_completed": path.rows,
         "lateral_steps_um": migration.lateral_steps.tolist(),
@@ -512,11 +445,6 @@ def sum_up(
     }
 
 
-REMEDY = (
-    "usual cures: finer numerics.spacing_um, lower numerics.velocity_lu, or numerics.kernel 4-point"
-)
-
-
 def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> dict:
     """Columns of `runs` about cost, conservation and numbers of the run."""
     nodes = scene.fluid.lattice.nodes
@@ -630,43 +558,21 @@ class Path:
         self.pitch = pitch
         self.x, self.y = [], []
         self.rows = 0
-        self._mark, self._mark_step = -math.inf, 0
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: Sample) -> bool:
+        """Go on to a sample; says whether that completes a row."""
         self.x.append(sample.centre[0])
         self.y.append(sample.centre[1])
-        self.rows = max(self.rows, int(self.x[-1] // self.pitch))
-        if self.x[-1] > self._mark + 0.1 * self.pitch:
-            self._mark, self._mark_step = self.x[-1], sample.step
-
-    def idle(self, step: int, patience: float) -> bool:
-        """Whether the path has not advanced by a tenth of a row for ``patience`` steps."""
-        return step - self._mark_step > patience
+        before, self.rows = self.rows, max(self.rows, int(self.x[-1] // self.pitch))
+        return self.rows > before
 
     def crossings(self) -> np.ndarray:
         return row_crossings(np.array(self.x), np.array(self.y), 0.0, self.pitch)
 
 
-class Reporter:
-    """Says where the run is, at most once a second."""
-
-    def __init__(self, progress: Progress, max_rows: int, array: ArrayLattice, scene: CellInFlow):
-        self.progress, self.max_rows, self.array, self.scene = progress, max_rows, array, scene
-        self.start = self.last = time.perf_counter()
-
-    def report(self, sample: Sample, rows: int) -> None:
-        now = time.perf_counter()
-        if self.progress is None or now - self.last < 1:
-            return
-        self.last = now
-        done = max(sample.centre[0] / self.array.pitch, 1e-3)
-        left = (now - self.start) * (self.max_rows - done) / done
-        mlups = self.scene.fluid.lattice.nodes * sample.step / (now - self.start) / 1e6
-        self.progress(
-            f"step {sample.step:,}, {mlups:.0f} MLUPS, cell at x = "
-            f"{sample.centre[0] * self.array.spacing_um:.1f} µm, {rows} of at most "
-            f"{self.max_rows} rows, at most {left:.0f} s left"
-        )
+def row_patience(array: ArrayLattice, numerics: Numerics) -> Patience:
+    """How long a cell may rest between the pillars."""
+    return Patience(STUCK_ADVANCE * array.pitch, STUCK_ROWS * array.pitch / numerics.velocity_lu)
 
 
 def left_out(

@@ -13,15 +13,17 @@ from dldsim.config.feasibility import check_channel, check_release
 from dldsim.config.limits import check_time
 from dldsim.config.sections import Cell, Constriction, ConstrictionGroup, Flow, Numerics
 from dldsim.errors import NoRoom
-from dldsim.experiments.array_run import REMEDY, Progress, Record
+from dldsim.experiments.recording import Record
+from dldsim.experiments.runner import Progress, Stop, advance_until, again_if_unstable
 from dldsim.laws import even_throat, viscosity
 from dldsim.solver.flow import Fluid, advance_to_steady
 from dldsim.solver.lattice import Lattice, make_lattice
-from dldsim.solver.observe import deformation_index
+from dldsim.solver.observe import Sample, deformation_index
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_loop import make_drive
-from dldsim.solver.time_step import again_if_unstable, bottleneck, margins, refined, refinement
+from dldsim.solver.time_step import bottleneck, margins, refined, refinement
 from dldsim.solver.units import Units
+from dldsim.vocabulary import STUCK
 
 SAMPLES_PER_THROAT = 40
 PATIENCE = 6.0
@@ -187,27 +189,23 @@ def _simulate(
     record = Record(
         run_id, units, np.array([(begin + end) / 2, scene_channel.centre, scene_channel.height / 2])
     )
-    record.add(scene.sample(), None)
     chunk = 2 * max(1, round((end - begin) / numerics.velocity_lu / SAMPLES_PER_THROAT / 2))
-    loop = told = time.perf_counter()
-    status, reason = "converged", "the cell has left the throat"
-    while record.samples[-1].centre[0] < end + cell.radius_um / spacing:
-        scene.advance(chunk)
-        sample = scene.sample()
-        trouble = sample.trouble()
-        if trouble:
-            status, reason = "unstable", f"{trouble} at step {scene.steps}; {REMEDY}"
-            break
+    out = end + cell.radius_um / spacing
+
+    def watch(sample: Sample) -> Stop | None:
         record.add(sample, None)
-        if scene.steps > limit:
-            status, reason = "stuck", f"the cell has not passed the throat in {scene.steps} steps"
-            break
-        if progress and time.perf_counter() - told > 1:
-            told = time.perf_counter()
-            progress(
-                f"step {scene.steps:,}, {lattice.nodes * scene.steps / (told - loop) / 1e6:.0f} "
-                f"MLUPS, cell {(sample.centre[0] - begin) * spacing:+.1f} µm from the throat"
-            )
+        if sample.step > limit:
+            return Stop(STUCK, f"the cell has not passed the throat in {sample.step} steps")
+        left = sample.centre[0] >= out
+        return Stop("converged", "the cell has left the throat") if left else None
+
+    def where(sample: Sample) -> tuple[str, float]:
+        x = sample.centre[0]
+        words = f"cell {(x - begin) * spacing:+.1f} µm from the throat"
+        return words, (x - release) / (out - release)
+
+    loop = time.perf_counter()
+    stop = advance_until(scene, chunk, watch, progress=progress, where=where)
     wall = time.perf_counter() - loop
     return ConstrictionResult(
         {
@@ -218,9 +216,9 @@ def _simulate(
             "velocity_mm_s": group.velocity_mm_s,
             "design": "group-velocity",
             "release_position_um": release_position_um,
-            "status": status,
-            "stop_reason": reason,
-            **_throat(record, begin, end, status),
+            "status": stop.status,
+            "stop_reason": stop.reason,
+            **_throat(record, begin, end, stop.status),
             "steps": scene.steps,
             "wall_time_s": wall,
             "mlups": lattice.nodes * scene.steps / wall / 1e6,

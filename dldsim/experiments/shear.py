@@ -14,16 +14,20 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Numerics
 from dldsim.errors import DldsimError
+from dldsim.experiments.runner import Stop, advance_until
 from dldsim.laws import viscosity
 from dldsim.solver import membrane as mb
 from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import VELOCITIES, WEIGHTS, make_lattice
+from dldsim.solver.observe import Sample
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import elastic_frequency, frequency_limit
 from dldsim.solver.units import Units
+from dldsim.vocabulary import UNSTABLE
 
 Law = Literal["neo-Hookean", "Skalak", "springs"]
 
+CURES = "lower reynolds_number, or raise relaxation_time"
 SAMPLES = 20
 """Per window; a window is a strain time 1/γ̇, or a third of a run shorter than three of them."""
 
@@ -61,7 +65,12 @@ def moduli_of(law: Law, shear_modulus: float, bending: float) -> mb.Moduli:
         "springs": ("ks", shear_modulus / mb.shear_modulus(1.0)),
     }.get(law, (None, None))
     if name is None:
-        raise DldsimError(f"Membrane law {law!r} is unknown; use neo-Hookean, Skalak or springs.")
+        raise DldsimError(
+            f"Membrane law {law!r} is unknown; use neo-Hookean, Skalak or springs.",
+            key="law",
+            value=law,
+            allowed="neo-Hookean, Skalak or springs",
+        )
     none = mb.Moduli(ks=0.0, kb=0.0, kal=0.0, kag=0.0, kv=0.0, kvisc=0.0)
     return none._replace(kb=bending / mb.bending_modulus(1.0), **{name: value})
 
@@ -142,20 +151,21 @@ def capsule_in_shear(
     moduli = moduli_of(law, modulus, bending * modulus * radius**2)
     scene = _scene(shape, shear_rate, radius, moduli, flat_rest_angles, numerics)
 
-    history = []
     duration = duration or 3 + 9 * capillary_number
     window = min(1, duration / 3)
-    while not history or history[-1][0] < duration:
-        scene.advance(2 * max(1, round(window / (2 * SAMPLES * shear_rate))))
-        sample = scene.sample()
-        if trouble := sample.trouble():
-            raise DldsimError(
-                f"{law} capsule at Ca {capillary_number:g}, step {scene.steps}: {trouble}. "
-                "Lower reynolds_number, or raise relaxation_time."
-            )
+    history = []
+
+    def watch(sample: Sample) -> Stop | None:
         a, b, inclination = inertia_ellipse(scene.body.x, scene.membrane.faces)
-        history.append((scene.steps * shear_rate, (a - b) / (a + b), inclination))
-    history = np.array(history)
+        history.append((sample.step * shear_rate, (a - b) / (a + b), inclination))
+        over = history[-1][0] >= duration
+        return Stop("converged", f"{duration:g} strain times are over") if over else None
+
+    chunk = 2 * max(1, round(window / (2 * SAMPLES * shear_rate)))
+    stop = advance_until(scene, chunk, watch, cures=CURES)
+    if stop.status == UNSTABLE:
+        raise DldsimError(f"{law} capsule at Ca {capillary_number:g}: {stop.reason}.")
+    sample, history = scene.sample(), np.array(history[1:])  # without the start at rest
     before, last = (history[-n:, 1:][:SAMPLES].mean(axis=0) for n in (2 * SAMPLES, SAMPLES))
     return ShearRun(
         *((before + last) / 2),

@@ -8,8 +8,7 @@ measured. Every margin here is in proportion to the velocity in lattice units, t
 step.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -139,23 +138,6 @@ def refinement(given: Margins, numerics: Numerics) -> float:
 def refined(numerics: Numerics, factor: float) -> Numerics:
     """Numerics with a shorter time step, by way of the velocity in lattice units."""
     return numerics.model_copy(update={"velocity_lu": numerics.velocity_lu / factor})
-
-
-def again_if_unstable(attempt: Callable[[float], Any], numerics: Numerics, progress=None) -> Any:
-    """The result of ``attempt(factor)``: of one more with half the step where the first, of factor
-    1, left its safe range, if the step is ours to choose.
-
-    The margins are those of a scene at rest. A membrane that is squeezed to a third of its edges'
-    length has more vertices at a node, and answers of elasticity and dashpots grow with their
-    number (seen: dashpots 0.45 at rest, 1.5 when it diverged). The result has a ``row`` with
-    `status`.
-    """
-    result = attempt(1.0)
-    if result.row["status"] != "unstable" or numerics.time_step != "automatic":
-        return result
-    if progress:
-        progress(f"{result.row['stop_reason']}; once more with half the time step")
-    return attempt(2.0)
 
 
 def bottleneck(given: Margins) -> str:

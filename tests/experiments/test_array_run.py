@@ -1,7 +1,7 @@
 """Runs of one cell through one array: laws, statuses, rows of the tables."""
 
 import math
-import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +11,9 @@ from dldsim.config import limits
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError, NoRoom
 from dldsim.experiments import array_run
-from dldsim.experiments.array_run import Path, Reporter, make_scene, simulate_outcome, simulate_run
+from dldsim.experiments.array_run import Path, make_scene, simulate_outcome, simulate_run
 from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.solver.flow import array_of, solve_empty_array
-from dldsim.solver.observe import Sample
 from dldsim.solver.time_step import refined
 from dldsim.tables.numerics import settings_of
 from dldsim.tables.parquet import read_rows, write_table
@@ -215,16 +214,6 @@ def test_progress_is_a_sentence_and_at_most_one_a_second(empty):
     said = []
     run(empty, progress=said.append)
     assert len(said) <= 3
-    scene = make_scene(array_of(empty), empty, SET_1, CELL, FLOW, NUMERICS)
-    scene.advance(40)
-    reporter = Reporter(said.append, 3, array_of(empty), scene)
-    del said[:]
-    reporter.report(scene.sample(), 0)
-    assert not said
-    reporter.last -= 2
-    reporter.report(scene.sample(), 0)
-    assert len(said) == 1
-    assert all(word in said[0] for word in ("step 40", "MLUPS", "cell at x =", "rows", "s left"))
 
 
 # ------------------------------------------------------------------ laws
@@ -425,46 +414,10 @@ def test_a_stiff_cell_gets_a_shorter_time_step(empty, result):
     assert any("too stiff" in sentence for sentence in said)
 
 
-def sample_at(x, step, **values):
-    rest = {
-        "velocity": np.zeros(3),
-        "extent": np.ones(3),
-        "volume_ratio": 1.0,
-        "area_ratio": 1.0,
-        "clearance": 1.0,
-        "speed_max": 0.01,
-        "mean_velocity": np.zeros(2),
-    }
-    return Sample(**{"step": step, "centre": np.array([x, 0.3, 0.0]), **rest, **values})
-
-
-@pytest.mark.parametrize(
-    ("values", "reason"),
-    [
-        ({"speed_max": np.nan}, "not finite"),
-        ({"volume_ratio": np.inf}, "not finite"),
-        ({"centre": np.array([0, np.nan, 0])}, "not finite"),
-        ({"speed_max": 0.4}, "speed"),
-        ({"volume_ratio": 0.75}, "volume drifted by -25%"),
-        ({"area_ratio": 1.6}, "area drifted by [+]60%"),
-    ],
-)
-def test_what_counts_as_trouble(values, reason):
-    assert sample_at(0.0, 0).trouble() is None
-    assert re.search(reason, sample_at(0.0, 0, **values).trouble() or "")
-
-
-def test_a_path_is_idle_when_it_has_not_gained_a_tenth_of_a_row():
-    path = Path(pitch=20.0)
-    for step, x in ((0, 0.0), (100, 1.9), (200, 1.9), (300, 2.1), (400, 1.0)):
-        path.add(sample_at(x, step))
-        assert not path.idle(step, 350)
-    assert path.rows == 0
-    # The mark is at x = 2.1, step 300: back there and 1.9 further is no progress.
-    path.add(sample_at(4.0, 700))
-    assert path.idle(700, 350) and not path.idle(640, 350)
-    path.add(sample_at(41.0, 800))
-    assert path.rows == 2 and not path.idle(1100, 350)
+def test_a_path_says_when_a_row_is_complete():
+    path, centre = Path(pitch=20.0), [0.0, 0.3, 0.0]
+    said = [path.add(SimpleNamespace(centre=[x, *centre[1:]])) for x in (0.0, 19, 21, 18, 22, 41)]
+    assert said == [False, False, True, False, False, True] and path.rows == 2
     np.testing.assert_allclose(path.crossings(), [0.3, 0.3, 0.3])
 
 

@@ -109,5 +109,5 @@ def test_bad_input_is_refused(monkeypatch):
     with pytest.raises(DldsimError, match=r"'rubber' is unknown; use neo-Hookean, Skalak"):
         shear.capsule_in_shear("rubber", 0.3)
     monkeypatch.setattr(shear, "frequency_limit", lambda *_: 40.0)
-    with pytest.raises(DldsimError, match="Ca 0.01, step .* Lower reynolds_number"):
+    with pytest.raises(DldsimError, match="Ca 0.01: .* at step .*; lower reynolds_number"):
         shear.capsule_in_shear("Skalak", 0.01, radius=3, reynolds_number=20, duration=20)

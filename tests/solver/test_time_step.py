@@ -1,7 +1,5 @@
 """What the explicit step bears, predicted before a run."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,6 @@ from dldsim.solver.immersed_boundary import interpolate, locate, spread
 from dldsim.solver.lattice import make_lattice
 from dldsim.solver.membrane import elastic_forces
 from dldsim.solver.scene import CellInFlow
-from dldsim.solver.time_step import again_if_unstable
 from dldsim.solver.units import Units
 
 SET_5 = Stiffness(
@@ -135,23 +132,3 @@ def test_what_no_time_step_cures_is_said(change, words):
     found = stability.incurable(make_scene(SET_5.model_copy(update=change)))
     assert len(found) == (words is not None)
     assert words is None or words in found[0]
-
-
-@pytest.mark.parametrize(
-    ("time_step", "statuses", "factors"),
-    [
-        ("automatic", ["converged"], [1]),
-        ("automatic", ["unstable", "stuck"], [1, 2]),
-        ("automatic", ["unstable", "unstable"], [1, 2]),
-        ("as-given", ["unstable"], [1]),
-    ],
-)
-def test_an_unstable_run_begins_anew_once(time_step, statuses, factors):
-    asked, left = [], iter(statuses)
-
-    def attempt(factor):
-        asked.append(factor)
-        return SimpleNamespace(row={"status": next(left), "stop_reason": "too fast"})
-
-    result = again_if_unstable(attempt, Numerics(time_step=time_step))
-    assert asked == factors and result.row["status"] == statuses[-1]
