@@ -75,8 +75,10 @@ def variants(config: Config) -> list[Variant]:
         for knob, values in part.knobs.items():
             if knob == START and quantity == ANGLE:
                 raise DldsimError(
-                    f"accuracy.migration_angle.knobs.{START}: starts are varied in every run; name "
-                    "them in accuracy.migration_angle.other_starts."
+                    f"accuracy.migration_angle.knobs.{START}: starts are varied in every run.",
+                    key=f"accuracy.migration_angle.knobs.{START}",
+                    value=values,
+                    remedy="Name them in accuracy.migration_angle.other_starts.",
                 )
             default = default_of(knob, quantity, config)
             if quantity == ANGLE and knob in REPLAYED:
@@ -97,7 +99,10 @@ def section_of(knob: str, quantity: str, config: Config) -> str:
         if knob in type(getattr(config, section)).model_fields:
             return section
     raise DldsimError(
-        f"accuracy.{quantity} names {knob}, which is no key of {', '.join(SECTIONS[quantity])}."
+        f"accuracy.{quantity} names {knob}, which is no key of {', '.join(SECTIONS[quantity])}.",
+        key=f"accuracy.{quantity}",
+        value=knob,
+        allowed=f"a key of {', '.join(SECTIONS[quantity])}",
     )
 
 

@@ -26,15 +26,20 @@ def reference_path(name: str, folder: Path | None = None) -> Path:
         content = path.read_bytes()
     except OSError as error:
         raise DldsimError(
-            f"Reference file {error.filename} cannot be read: {error.strerror}. {REMEDY}"
+            f"Reference file {error.filename} cannot be read: {error.strerror}.",
+            key=str(error.filename),
+            remedy=REMEDY,
         ) from error
     sums = {file: digest for digest, file in (line.split() for line in lines)}
     if name not in sums:
-        raise DldsimError(f"Reference file {path} is not listed in {CHECKSUMS}. {REMEDY}")
+        raise DldsimError(
+            f"Reference file {path} is not listed in {CHECKSUMS}.", key=str(path), remedy=REMEDY
+        )
     if hashlib.sha256(content).hexdigest() != sums[name]:
         raise DldsimError(
-            f"Reference file {path} has been altered: its SHA-256 is not the one in {CHECKSUMS}. "
-            f"{REMEDY}"
+            f"Reference file {path} has been altered: its SHA-256 is not the one in {CHECKSUMS}.",
+            key=str(path),
+            remedy=REMEDY,
         )
     return path
 

@@ -167,7 +167,11 @@ def searches(config: Config) -> list[Search]:
             own = getattr(config.numerics, knob)
             wanted += [first._replace(knob=knob, rank=i) for i, v in enumerate(values) if v != own]
     if len(set(wanted)) < len(wanted):
-        raise DldsimError("reference.critical_gaps names a transition twice. Leave one out.")
+        raise DldsimError(
+            "reference.critical_gaps names a transition twice.",
+            key="reference.critical_gaps",
+            remedy="Leave one out.",
+        )
     return wanted
 
 
@@ -566,7 +570,8 @@ def install(results: Path, data: Path = DATA) -> list[Path]:
     for name in there:
         read_columns(KEPT[name], source / f"{name}.parquet")
     if read_model(source / MODEL) is None:
-        raise DldsimError(f"{source / MODEL} does not exist. {REMEDY}")
+        missing = source / MODEL
+        raise DldsimError(f"{missing} does not exist.", key=str(missing), remedy=REMEDY)
     written = []
     for name in [*(f"{name}.parquet" for name in there), MODEL]:
         with atomic_path(Path(data) / name) as part:
@@ -584,7 +589,7 @@ def reference_outcomes(data: Path = DATA) -> list[dict[str, Any]]:
 
     path = Path(data) / "reference_outcomes.parquet"
     if not path.exists():
-        raise DldsimError(f"The package holds no reference ({path}). {REMEDY}")
+        raise DldsimError(f"The package holds no reference ({path}).", key=str(path), remedy=REMEDY)
     return read_rows("outcomes", path)
 
 

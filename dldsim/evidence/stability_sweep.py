@@ -208,7 +208,10 @@ def check_families(names: Iterable[str]) -> list[str]:
             close = difflib.get_close_matches(name, FAMILIES, n=1)
             hint = f" Did you mean {close[0]}?" if close else ""
             raise DldsimError(
-                f"Stability family {name!r} is unknown.{hint} Known: {', '.join(FAMILIES)}."
+                f"Stability family {name!r} is unknown.{hint} Known: {', '.join(FAMILIES)}.",
+                key="family",
+                value=name,
+                allowed=", ".join(FAMILIES),
             )
     return names
 

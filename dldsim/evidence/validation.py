@@ -161,7 +161,13 @@ def check_cases(names: Iterable[str]) -> list[str]:
     """
     names = list(names) or list(CASES)
     if not any(name in CASES for name in names):
-        raise DldsimError(" ".join(map(_unknown, names)) + f" Known: {', '.join(CASES)}.")
+        known = ", ".join(CASES)
+        raise DldsimError(
+            " ".join(map(_unknown, names)) + f" Known: {known}.",
+            key="case",
+            value=names,
+            allowed=known,
+        )
     return names
 
 

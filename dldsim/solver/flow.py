@@ -127,8 +127,10 @@ def advance_to_steady(fluid: Fluid, length: float, progress=None) -> None:
         mean = fluid.mean_velocity()
         if not np.isfinite(mean).all():
             raise DldsimError(
-                f"The flow without a cell is not finite at step {fluid.steps}. Raise "
-                "numerics.relaxation_time or lower numerics.velocity_lu."
+                f"The flow without a cell is not finite at step {fluid.steps}.",
+                key="numerics.relaxation_time",
+                value=fluid.relaxation_time,
+                remedy="Raise numerics.relaxation_time or lower numerics.velocity_lu.",
             )
         change = np.abs(mean - before).max()
         if progress and time.perf_counter() - told > 1:
@@ -141,8 +143,10 @@ def advance_to_steady(fluid: Fluid, length: float, progress=None) -> None:
             return
         before = mean
     raise DldsimError(
-        f"The flow without a cell is not steady after {MAX_STEPS} steps. Raise "
-        "numerics.relaxation_time or coarsen numerics.spacing_um."
+        f"The flow without a cell is not steady after {MAX_STEPS} steps.",
+        key="numerics.relaxation_time",
+        value=fluid.relaxation_time,
+        remedy="Raise numerics.relaxation_time or coarsen numerics.spacing_um.",
     )
 
 
@@ -240,10 +244,12 @@ class EmptyFlow:
                 f"{path} is not a flow file of dldsim or is damaged ({error}). Delete it "
                 "and run snakemake again."
             )
-            raise DldsimError(why_not_read(path, error) or damaged) from error
+            raise DldsimError(why_not_read(path, error) or damaged, key=str(path)) from error
         if meta.pop("physics_version", None) != PHYSICS_VERSION:
             raise DldsimError(
-                f"{path} was made by another physics version. Move it away and run snakemake again."
+                f"{path} was made by another physics version.",
+                key=str(path),
+                remedy="Move it away and run snakemake again.",
             )
         sections = {
             "geometry": Geometry(**meta.pop("geometry")),
@@ -330,8 +336,10 @@ def _correct_drive(fluid, mobility, force, flow, numerics, length, progress) -> 
         else:
             force = force + np.linalg.solve(mobility, error)
     raise DldsimError(
-        "The drive for the wanted mean velocity was not found in 6 corrections; lower "
-        "numerics.velocity_lu or use numerics.inertia: stokes."
+        "The drive for the wanted mean velocity was not found in 6 corrections.",
+        key="numerics.velocity_lu",
+        value=numerics.velocity_lu,
+        remedy="Lower numerics.velocity_lu or use numerics.inertia: stokes.",
     )
 
 

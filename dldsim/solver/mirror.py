@@ -116,7 +116,10 @@ def images(vertices: np.ndarray) -> np.ndarray:
     if apart > SYMMETRIC * size:
         raise DldsimError(
             f"The membrane is not symmetric about its middle plane: a vertex is {apart:.1e} from "
-            "its image. Set numerics.half_scene: false."
+            "its image.",
+            key="numerics.half_scene",
+            value=True,
+            remedy="Set numerics.half_scene: false.",
         )
     return opposite
 
@@ -184,7 +187,9 @@ def _opposite_faces(faces: np.ndarray, opposite: np.ndarray) -> np.ndarray:
     found = order[np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)]
     if not np.array_equal(key[found], wanted):
         raise DldsimError(
-            "The membrane's faces are not symmetric about its middle plane. Set "
-            "numerics.half_scene: false."
+            "The membrane's faces are not symmetric about its middle plane.",
+            key="numerics.half_scene",
+            value=True,
+            remedy="Set numerics.half_scene: false.",
         )
     return found

@@ -254,7 +254,10 @@ class CellInFlow:
             if centre[2] != lattice.height / 2:
                 raise DldsimError(
                     f"A cell at a height of {centre[2]:g} nodes has no half: allowed is "
-                    f"{lattice.height / 2:g}, half the channel's. Set numerics.half_scene: false."
+                    f"{lattice.height / 2:g}, half the channel's.",
+                    key="numerics.half_scene",
+                    value=True,
+                    remedy="Set numerics.half_scene: false.",
                 )
             self.mirror = self.mirror._replace(height=float(centre[2]))
             reflect(body.x, body.v, body.smooth, self.mirror)
