@@ -23,6 +23,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt -l 100 --no-sort --check Snakefile workflow
+	$(BIN)/mypy
 	$(BIN)/python -m pytest -q
 
 web: $(VENV)/installed-web  # the page and the API that it asks, on localhost

@@ -1,6 +1,7 @@
 """The whole configuration of a campaign, and its sweep."""
 
 import types
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -54,7 +55,7 @@ class Sweep(Section):
     @field_validator("pillar_radius_um", "gap_um", "periodicity", "stiffness_sets")
     @classmethod
     def _no_duplicates(cls, values: list | None) -> list | None:
-        repeated = sorted({v for v in values or [] if values.count(v) > 1})
+        repeated = sorted(v for v, count in Counter(values).items() if count > 1)
         if repeated:
             raise ValueError(f"each value once; repeated: {', '.join(map(str, repeated))}")
         return values
@@ -71,6 +72,7 @@ class Sweep(Section):
         """Gaps combined with one pillar radius [µm]."""
         if self.gap_um is not None:
             return self.gap_um
+        assert self.gap_minus_radius_um is not None  # one of the two is given
         return [thousandths(pillar_radius_um + self.gap_minus_radius_um)]
 
 
@@ -124,7 +126,9 @@ class Config(Partial):
 
     @model_validator(mode="after")
     def _known_names(self) -> "Config":
-        uses = [("sweep.stiffness_sets", name) for name in self.sweep.stiffness_sets]
+        uses: list[tuple[str, str | None]] = [
+            ("sweep.stiffness_sets", name) for name in self.sweep.stiffness_sets
+        ]
         uses += [
             (f"constriction_groups.{group}.stiffness_set", value.stiffness_set)
             for group, value in self.constriction_groups.items()
@@ -185,10 +189,11 @@ class Config(Partial):
 
 def sections_from(settings: Mapping[str, Any]) -> types.SimpleNamespace:
     """The sections of a configuration that a job was handed out; there are no others."""
+    wanted: dict[str, Any] = {name: field.annotation for name, field in Config.model_fields.items()}
     return types.SimpleNamespace(
         **{
-            name: TypeAdapter(Config.model_fields[name].annotation).validate_python(value)
+            name: TypeAdapter(wanted[name]).validate_python(value)
             for name, value in settings.items()
-            if name in Config.model_fields
+            if name in wanted
         }
     )

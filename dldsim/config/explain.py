@@ -31,7 +31,8 @@ def validate(model: type[BaseModel], values: Mapping) -> Any:
 def check_value(model: type[BaseModel], key: str, value: Any) -> Any:
     """A value for one field of a section alone. Raises DldsimError as `validate` does."""
     field = model.model_fields[key]
-    alone = create_model(model.__name__, __base__=Section, **{key: (field.annotation, field)})
+    only: dict[str, Any] = {key: (field.annotation, field)}
+    alone = create_model(model.__name__, __base__=Section, **only)
     return getattr(validate(alone, {key: value}), key)
 
 

@@ -40,20 +40,24 @@ def _typed(value: Any) -> Any:
 
 
 def resolve(
-    raw: Mapping,
-    overrides: Mapping | None = None,
-    files: Sequence[Mapping] = (),
-    *,
-    partial: bool = False,
-) -> Config | Partial:
+    raw: Mapping, overrides: Mapping | None = None, files: Sequence[Mapping] = ()
+) -> Config:
     """The validated configuration of one campaign.
 
     `raw` holds shared sections, `presets` and the name of one `preset`; `files` are further
     configurations that the user names, and `overrides` the command line, where numbers may come as
     text. Later ones win, and so do their names of a preset. Of each the preset in force goes over
-    its own shared sections. `partial`: a single command, which needs no sweep; what is left out has
-    its default. Raises DldsimError with every problem's key, value and allowed values.
+    its own shared sections. Raises DldsimError with every problem's key, value and allowed values.
     """
+    config = validate(Config, _overlaid(raw, overrides, files))
+    check_campaign(config)
+    return config
+
+
+def _overlaid(
+    raw: Mapping, overrides: Mapping | None = None, files: Sequence[Mapping] = ()
+) -> dict[str, Any]:
+    """The settings that all layers make together, as in `resolve`, not validated."""
     overrides = _typed(overrides or {})
     layers = [raw, *files, overrides]
     for layer in layers:
@@ -87,11 +91,7 @@ def resolve(
         for part in in_force(layer, name):
             whole = merge(whole, part)
     whole["preset"] = name
-    if partial:
-        return validate(Partial, whole)
-    config = validate(Config, whole)
-    check_campaign(config)
-    return config
+    return whole
 
 
 def preset_of(layers: Iterable[Mapping]) -> str:
@@ -161,5 +161,6 @@ def read_config(path: Path, overrides: Mapping | None = None) -> Config:
 
 
 def read_partial(path: Path) -> Partial:
-    """The settings in a YAML file that need not hold a whole campaign."""
-    return resolve(read_layer(path), partial=True)
+    """The settings in a YAML file that need not hold a whole campaign: a single command needs no
+    sweep, and what is left out has its default."""
+    return validate(Partial, _overlaid(read_layer(path)))

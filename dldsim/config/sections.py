@@ -36,6 +36,7 @@ class Section(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _true_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        assert info.field_name is not None  # it has one, since it validates fields
         if _holds_flag(value) and bool not in _parts(cls.model_fields[info.field_name].annotation):
             raise ValueError("no true or false")
         return value

@@ -36,12 +36,11 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         table = table.nlargest(GRID_CHECKED, ["inside_training_domain", "value"], keep="all")
     place = [table[name].to_numpy() for name in GEOMETRY]
     least, largest = over_tolerance(task, table)
-    sigma = [surrogate.sigma_num_deg(table[f"angle_{i}_deg"], place[2]) for i in (1, 2)]
-    known = all(part is not None for part in sigma)
+    first, second = (surrogate.sigma_num_deg(table[f"angle_{i}_deg"], place[2]) for i in (1, 2))
     table = table.assign(
         separation_tolerance_min_deg=least,
         separation_tolerance_max_deg=largest,
-        sigma_num_deg=np.hypot(*sigma) if known else np.nan,
+        sigma_num_deg=np.nan if first is None or second is None else np.hypot(first, second),
         uncertainty_deg=np.hypot(*task.half_widths(*place)),
     ).sort_values(
         ["inside_training_domain", "value", "separation_tolerance_min_deg", "trial"],
@@ -72,7 +71,7 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
     length = task.length_mm(*angles)
     pressure = np.full(len(designs), np.nan)
     if chip.resistance is not None:
-        pressure = task.pressure_kPa(*place, length)
+        pressure = task.pressure_kPa(place[0], place[1], place[2], length)
     designs = designs.assign(
         objective=request.objective,
         mode_1=modes[0],
@@ -200,9 +199,7 @@ def slices(task: Task, design: Mapping[str, Any]) -> pd.DataFrame:
                     "feasible": np.all(
                         [np.broadcast_to(v, len(first)) <= 0 for v in limits], axis=0
                     ),
-                    "inside_training_domain": np.all(
-                        [task.surrogate.inside_domain(*place, *cell) for cell in task.cells], axis=0
-                    ),
+                    "inside_training_domain": task.inside(*place).all(axis=0),
                 }
             )
         )

@@ -118,6 +118,7 @@ def check_settings(
         wanted += [
             (f"{name}.{key}", getattr(section, key), known.settings[name].get(key)) for key in named
         ]
+    given = set() if request is None else request.model_fields_set
     for i in (1, 2) if request else ():
         name = getattr(request, f"stiffness_set_{i}")
         if name in (settings.stiffness_sets or {}) and name in known.settings["stiffness_sets"]:
@@ -128,7 +129,7 @@ def check_settings(
         if (
             settings.cell is not None
             and "radius_um" in settings.cell.model_fields_set
-            and f"radius_{i}_um" not in request.model_fields_set
+            and f"radius_{i}_um" not in given
         ):
             wanted.append(
                 ("cell.radius_um", settings.cell.radius_um, getattr(request, f"radius_{i}_um"))

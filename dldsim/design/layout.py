@@ -188,14 +188,15 @@ def _exit(geometry: Geometry, device: Device, length: float, population: Stream)
         return min(max(free, wall[0]), wall[1])
 
     angle, error = population.angle_deg, population.error_deg
-    extremes = (None, None) if error is None else (at(angle - error), at(angle + error))
+    lowest, highest = (None, None) if error is None else (at(angle - error), at(angle + error))
     slope = math.tan(math.radians(angle))
     reached = math.inf if slope == 0 else (wall[slope > 0] - start) / slope
     return Exit(
         population,
         mode_of(angle, geometry.row_shift_fraction),
         at(angle),
-        *extremes,
+        lowest,
+        highest,
         reached if reached < length else None,
     )
 

@@ -117,14 +117,14 @@ def _try(
     start = perf_counter()
 
     def objective(trial: optuna.Trial) -> float:
-        place = [
+        radius, gap = (
             _within(trial.suggest_float(name, *bounds), bounds)
             for name, bounds in (
                 ("pillar_radius_um", request.pillar_radius_um),
                 ("gap_um", request.gap_um),
             )
-        ]
-        place.append(trial.suggest_int("periodicity", *request.periodicity))
+        )
+        place = radius, gap, trial.suggest_int("periodicity", *request.periodicity)
         at = [np.array([v]) for v in place]
         limits = {name: float(np.squeeze(v)) for name, v in task.limits(*at).items()}
         broken = [name for name, value in limits.items() if value > 0]
@@ -180,14 +180,15 @@ def _try_grid(task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
     start = perf_counter()
     place = task.grid(task.request.grid_steps)
     limits = task.limits(*place)
-    broken = np.array([np.broadcast_to(v, len(place[0])) > 0 for v in limits.values()])
+    count = len(place[0])
+    broken = np.array([np.broadcast_to(v, count) > 0 for v in limits.values()])
     feasible = ~broken.any(axis=0)
-    values = {name: np.full(len(feasible), np.nan) for name in VALUES}
+    values = {name: np.full(count, np.nan) for name in VALUES}
     if feasible.any():
         for name, found in task.values(*(v[feasible] for v in place)).items():
             values[name][feasible] = found
     maybe = feasible & task.may_be_inside(*place)
-    outside = np.full(len(feasible), np.inf)
+    outside = np.full(count, np.inf)
     order = np.argsort(-np.where(maybe, values["value"], -np.inf), kind="stable")
     for i in order[: min(GRID_CHECKED, int(maybe.sum()))]:
         outside[i] = task.outside(*(v[i].item() for v in place))
@@ -195,7 +196,7 @@ def _try_grid(task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
     trials = pd.DataFrame(
         {
             "request": task.request.name,
-            "trial": np.arange(len(feasible)),
+            "trial": np.arange(count),
             **dict(zip(GEOMETRY, place, strict=True)),
             **values,
             "feasible": feasible,

@@ -47,6 +47,12 @@ class Task:
         """Predicted angles [deg] of both cell types."""
         return tuple(self.surrogate.predict(radius, gap, periodicity, *cell) for cell in self.cells)
 
+    def inside(self, radius, gap, periodicity) -> np.ndarray:
+        """Whether the surrogate interpolates for each cell type, (2, n)."""
+        return np.array(
+            [self.surrogate.inside_domain(radius, gap, periodicity, *cell) for cell in self.cells]
+        )
+
     def half_widths(self, radius, gap, periodicity) -> tuple[np.ndarray, np.ndarray]:
         """Half-widths [deg] of both prediction intervals, the wider side of each."""
         found = []
@@ -88,7 +94,7 @@ class Task:
             )
             drawn = np.broadcast_to(drawn, radius.shape)
             angle = self.surrogate.predict(
-                *(v.ravel() for v in (radius, gap, periodicity, drawn)), cell
+                radius.ravel(), gap.ravel(), periodicity.ravel(), drawn.ravel(), cell
             ).reshape(radius.shape)
             angles.append(angle + errors[k][:, None] / NORMAL_HALF_WIDTH * normal[2 + k])
         return np.stack(angles)
@@ -127,6 +133,7 @@ class Task:
             return self.request.lateral_separation_um / np.abs(slopes) / 1e3
 
     def pressure_kPa(self, radius, gap, periodicity, length_mm) -> np.ndarray:
+        assert self.chip.resistance is not None  # `check` and callers see to it
         drag = self.chip.resistance.drag_over_mu_U(radius, gap, periodicity)
         return self.chip.pressure_kPa(drag, 2 * np.asarray(radius) + gap, length_mm)
 
@@ -177,9 +184,11 @@ def squeezed_width_um(radius_um: float, deformation_index: float) -> float:
 
 def violations(request: DesignRequest, chip: Chip, pillar_radius_um, gap_um) -> dict[str, Any]:
     """Geometric constraints; above zero is violated, by so many µm (aspect ratio: by so much)."""
+    first, second = request.deformation_index_1, request.deformation_index_2
+    assert first is not None and second is not None  # those of the stiffness sets are filled in
     width = max(
-        squeezed_width_um(request.radius_1_um, request.deformation_index_1),
-        squeezed_width_um(request.radius_2_um, request.deformation_index_2),
+        squeezed_width_um(request.radius_1_um, first),
+        squeezed_width_um(request.radius_2_um, second),
     )
     return {
         "gap must exceed pillar radius + safety distance": pillar_radius_um

@@ -24,7 +24,7 @@ def compare(
     place = [getattr(geometry, name) for name in GEOMETRY]
     angles = [float(a[0]) for a in task.angles(*place)]
     half = [float(h[0]) for h in task.half_widths(*place)]
-    inside = [bool(task.surrogate.inside_domain(*place, *cell)[0]) for cell in task.cells]
+    inside = [bool(known[0]) for known in task.inside(*place)]
     rows = []
     for k, population in enumerate(populations):
         row = found[k]
@@ -161,12 +161,14 @@ def separated(
     known = parts(found, sigma_deg)
     if known is False or finer is None:
         return False if known is False else None
-    same = parts(finer, sigma_deg)
-    if same is not False and towards(difference_of(found), difference_of(finer)) < 0:
+    same, here, there = parts(finer, sigma_deg), difference_of(found), difference_of(finer)
+    if here is None or there is None:
+        return same if known else None
+    if same is not False and towards(here, there) < 0:
         return False
     both = zip(found, finer, strict=True)
     if all({a["status"], b["status"]} == {"decided"} and a["mode"] == b["mode"] for a, b in both):
-        return abs(difference_of(finer)) > sum(row["angle_spread_deg"] or 0.0 for row in finer)
+        return abs(there) > sum(row["angle_spread_deg"] or 0.0 for row in finer)
     return same if known else None
 
 
@@ -181,14 +183,14 @@ def design_verdict(
     if simulated is None:
         return f"no separation measured: {difference['note']}"
     size = f"{abs(simulated):.2f}°" if sigma is None else f"{abs(simulated):.2f} ± {sigma:.2f}°"
-    if separates:
-        words = f"separates by {size}, {_settings(finer)} as well"
-    elif finer is not None:
-        words = (
-            f"open: {abs(simulated):.2f}°, {_settings(finer)}, undecided"
-            if separates is None
-            else f"does not separate: {abs(simulated):.2f}° but {_settings(finer)}"
-        )
+    assert finer is not None or not separates  # it takes two settings
+    if finer is not None:
+        there = _settings(finer)
+        words = {
+            True: f"separates by {size}, {there} as well",
+            False: f"does not separate: {abs(simulated):.2f}° but {there}",
+            None: f"open: {abs(simulated):.2f}°, {there}, undecided",
+        }[separates]
     elif separates is None and parts(found, sigma) is None:
         why = _undecided(found) or (
             "numerical uncertainty not studied"

@@ -80,6 +80,7 @@ def design_table(
                     chip.pressure_kPa(flow["drag_over_mu_U"], geometry.pitch_um, length)
                 )
         finer = pair.get("finer")
+        there = difference_of(finer)
         separates = separated(pair["rows"], sigma, finer)
         rows.append(
             {
@@ -105,8 +106,7 @@ def design_table(
                 "throughput_uL_per_h": chip.throughput_uL_per_h,
                 "agrees": difference["agrees"],
                 "separates": separates,
-                "separation_finer_deg": difference_of(finer)
-                and towards(simulated, difference_of(finer)),
+                "separation_finer_deg": None if there is None else towards(simulated, there),
                 "finer_spacing_um": finer and finer[0]["spacing_um"],
                 "finer_lag_number": finer and max(r["lag_number"] or 0.0 for r in finer),
                 "verdict": design_verdict(difference, pair["rows"], finer, separates),

@@ -314,8 +314,8 @@ def _csv(content: bytes, where: str) -> UserTable:
         notes.append(f"fields are separated by {SEPARATORS.get(separator, repr(separator))}")
     if above := sum(bool(line.strip()) for line in lines[:skipped]):
         notes.append(f"{above} lines above the header left out")
-    rows = csv.reader(io.StringIO("\n".join(body.split("\n", 50)[:50])), delimiter=separator)
-    rows = [row for row in rows if any(cell.strip() for cell in row)] or [header]
+    reader = csv.reader(io.StringIO("\n".join(body.split("\n", 50)[:50])), delimiter=separator)
+    rows = [row for row in reader if any(cell.strip() for cell in row)] or [header]
     first = rows[0]
     if len(first) == len(header) + 1:
         ending = all(row[-1].strip() == "" for row in rows)
@@ -438,7 +438,8 @@ def _parquet(content: bytes, where: str) -> UserTable:
         file = pq.ParquetFile(io.BytesIO(content))
         about = json.loads((file.schema_arrow.metadata or {}).get(METADATA_KEY, b"{}"))
         table = file.read()
-        columns, notes = {}, []
+        columns: dict[int, pd.Series] = {}
+        notes: list[str] = []
         names = _names(table.column_names, notes)
         for i, field in enumerate(table.schema):
             column = table.column(i)
