@@ -1,9 +1,11 @@
-# make campaign: install into .venv and run the default campaign. make test: install and test.
+# make campaign: install into .venv and run the default campaign. make test: install and test;
+# make quick: less of it, in a minute.
 
 PYTHON ?= python3
 VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
+TOGETHER = -n $(CORES) --dist loadfile
 
 # Snakemake, the kernels and the plots keep caches in the user's home. Without one that can be
 # written they lie beside the environment.
@@ -14,7 +16,7 @@ export XDG_CACHE_HOME := $(CURDIR)/$(VENV)/cache
 export XDG_CONFIG_HOME := $(XDG_CACHE_HOME)
 endif
 
-.PHONY: campaign test web bench schema data reference clean
+.PHONY: campaign test quick web bench schema data reference clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -24,7 +26,10 @@ test: $(VENV)/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt -l 100 --no-sort --check Snakefile workflow
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q $(TOGETHER)
+
+quick: $(VENV)/installed-dev  # the tests that take less than a second each
+	$(BIN)/python -m pytest -q $(TOGETHER) -m "not slow and not service"
 
 web: $(VENV)/installed-web  # the page and the API that it asks, on localhost
 	$(BIN)/python -m dldsim serve both

@@ -273,6 +273,7 @@ def test_folders_hold_no_code_of_their_own(folder):
     assert len(tree.body) == 1 and ast.get_docstring(tree)
 
 
+@pytest.mark.slow
 def test_numerical_libraries_run_on_one_thread():
     """Their threads wait for each other on a busy machine; what the user has set is kept."""
     code = (

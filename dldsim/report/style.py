@@ -161,4 +161,5 @@ def render(figure: Figure, kind: str) -> bytes:
     metadata = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}[kind]
     with matplotlib.rc_context(STYLE):
         figure.savefig(stream, format=kind, dpi=170, metadata=metadata, facecolor="white")
+    figure.set_layout_engine("none")  # a second file is laid out like the first
     return stream.getvalue()

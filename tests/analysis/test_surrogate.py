@@ -73,6 +73,7 @@ def test_only_ratios_of_lengths_matter(fitted):
     assert fitted.predict([6, 8], 18, 6, 0.6, 7.5).shape == (2,)
 
 
+@pytest.mark.slow
 def test_every_row_is_held_out_once_a_repeat(benchmarked):
     _, predictions = benchmarked
     counts = predictions.groupby(["split", "model", "outcome_id"]).size().groupby("split")
@@ -84,6 +85,7 @@ def test_every_row_is_held_out_once_a_repeat(benchmarked):
     }
 
 
+@pytest.mark.slow
 def test_split_by_stiffness_keeps_sets_whole(benchmarked):
     one = benchmarked[1].query("model == 'linear' and split == 'stiffness'")
     assert (one.groupby("fold")["outcome_id"].agg(lambda r: r.str[-2:].nunique()) == 1).all()
@@ -91,6 +93,7 @@ def test_split_by_stiffness_keeps_sets_whole(benchmarked):
     assert set(alone["split"]) == {"random", "geometry"}
 
 
+@pytest.mark.slow
 def test_split_by_geometry_keeps_arrays_whole(benchmarked):
     scores, predictions = benchmarked
     one = predictions[(predictions["model"] == "linear")].assign(
@@ -102,6 +105,7 @@ def test_split_by_geometry_keeps_arrays_whole(benchmarked):
     assert (scores["n_train"] + scores["n_test"] == 81).all()
 
 
+@pytest.mark.slow
 def test_scores_are_those_of_the_predictions(benchmarked):
     scores, predictions = benchmarked
     error = predictions["predicted_deg"] - predictions["observed_deg"]
@@ -112,6 +116,7 @@ def test_scores_are_those_of_the_predictions(benchmarked):
     assert (found["mae_deg"] <= found["rmse_deg"] + 1e-12).all()
 
 
+@pytest.mark.slow
 def test_learners_beat_the_rule_that_learns_nothing(benchmarked):
     rmse = benchmarked[0].groupby(["split", "model"])["rmse_deg"].mean()
     assert rmse["geometry", SURROGATE] < rmse["geometry", "XGBoost"] < rmse["geometry", "linear"]
@@ -141,6 +146,7 @@ def test_nested_search_never_sees_the_test_rows():
     assert {k: model.get_params()[k] for k in grid[0]} in grid
 
 
+@pytest.mark.slow
 def test_random_split_flatters_what_only_remembers():
     """Angles drawn per array, nothing to learn from geometry: only leakage can score."""
     draw = np.random.default_rng(0)

@@ -189,6 +189,7 @@ def test_a_place_that_cannot_be_written_is_told_before_the_work(
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
 
 
+@pytest.mark.slow
 def test_one_section_is_enough_for_a_command(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "config.yaml").write_text("flow: {height_um: 0}\nnumerics: {spacing_um: 4}\n")
@@ -221,6 +222,7 @@ def test_flow_answers_with_the_columns_of_flows(capsys, tmp_path):
     assert summary["permeability_over_pitch2"] > 0 and abs(summary["lateral_flux_ratio"]) < 1e-3
 
 
+@pytest.mark.slow
 def test_run_writes_the_tables_of_the_campaign(capsys, tmp_path):
     code, summary, _ = call(
         capsys,

@@ -23,6 +23,8 @@ from tests.design.test_search import Known, ask, hill
 from tests.design.test_verification import Nature, summit
 from tests.design.test_verification import check as check_designs
 
+pytestmark = pytest.mark.slow
+
 ASK = ["--set1", "1", "--set2", "3", "--trials", "30", "--startup-trials", "15"]
 
 

@@ -15,6 +15,8 @@ from dldsim.tables.numerics import COLUMN_OF, columns_of
 from dldsim.tables.parquet import read_rows, write_table
 from dldsim.tables.registry import COLUMNS
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = {"seed": 1}
 
 

@@ -203,6 +203,7 @@ def test_unlucky_search_is_an_error_not_a_guess():
         found(Known(hill), ask(gap_um=(5, 9), trials=3), seed=1, safety=3.99)
 
 
+@pytest.mark.slow
 def test_real_surrogate_separates_soft_from_stiff():
     """Cells of equal radius and of equal deformation index: both kinds of request."""
     fitted = surrogate.fit(make_outcomes(), seed=1)

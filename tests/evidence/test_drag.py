@@ -7,6 +7,8 @@ from dldsim.evidence.drag import drag_over_radius, lag_under_traction
 from dldsim.evidence.reference import read_reference
 from dldsim.solver.time_loop import MEMBRANE_SLIP
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("root", [0.15, 0.35, 0.4, 0.45])
 def test_drag_of_a_simple_cubic_array_is_that_of_the_series(root):
@@ -31,6 +33,11 @@ def test_slip_is_what_a_sphere_of_six_nodes_lags(kernel):
     assert lag.radius == pytest.approx(6, abs=0.03)
 
 
+@pytest.fixture(scope="module")
+def usual():
+    return lag_under_traction(4)
+
+
 @pytest.mark.parametrize(
     "settings",
     [
@@ -40,8 +47,7 @@ def test_slip_is_what_a_sphere_of_six_nodes_lags(kernel):
         {"edge_to_spacing": 1.4},
     ],
 )
-def test_lag_is_that_of_the_kernel_alone(settings):
+def test_lag_is_that_of_the_kernel_alone(settings, usual):
     lag = lag_under_traction(4, **settings)
-    usual = lag_under_traction(4)
     assert (lag.along, lag.across) == pytest.approx((usual.along, usual.across), abs=0.006)
     assert lag.radius == pytest.approx(4, abs=0.05)

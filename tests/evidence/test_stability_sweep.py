@@ -41,6 +41,7 @@ def test_points_are_valid_and_differ(config, name):
     assert len({p.label for p in points}) == len(points)
 
 
+@pytest.mark.slow
 def test_rows_say_what_was_predicted_and_what_happened(config, tmp_path, monkeypatch):
     monkeypatch.setattr(
         sweep,

@@ -1,14 +1,11 @@
-"""The validation cases: registry, rows, marks, failures, reference files, command and rules."""
+"""The validation cases: registry, rows, marks, failures, reference files, command."""
 
 import importlib
 import inspect
 import json
 import math
-import os
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -290,29 +287,3 @@ def test_closing_sentence_names_failing_cases(stand_in, tmp_path):
     write_csv("validation", tmp_path / "validation.parquet")
     sentence = closing_sentence(tmp_path)
     assert "1 of 2 cases pass" in sentence and "taylor-green" in sentence
-
-
-def test_validation_is_a_target_of_its_own(tmp_path):
-    for name in ("Snakefile", "config.yaml", "workflow", "profiles"):
-        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-        copy(ROOT / name, tmp_path / name)
-
-    def plan(*argv):
-        command = [sys.executable, "-m", "snakemake", "-j2", "-n", *argv, "--config", "preset=tiny"]
-        done = subprocess.run(
-            command,
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout + done.stderr
-
-    assert re.search(rf"validate_case +{len(CASES)}\b", plan("validation"))
-    node = re.compile(r'label ?= ?"validation')
-    assert not node.search(plan("all", "--dag"))
-    (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "validation.parquet").write_text("made before")
-    assert node.search(plan("all", "--dag"))

@@ -72,6 +72,7 @@ def test_small_deformation_is_that_of_linear_elasticity(law):
     assert deformation == pytest.approx(SMALL_DEFORMATION[law], rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "deformation", "inclination"),
     [("neo-Hookean", 0.3865, 25.4), ("Skalak", 0.3348, 27.97)],

@@ -37,6 +37,8 @@ from dldsim.tables.registry import COLUMNS
 from dldsim.vocabulary import SETTLED
 from tests.report.design_tables import make_design_tables
 
+pytestmark = pytest.mark.slow
+
 PROVENANCE = {"config_hash": "0123abcd", "seed": 7}
 SETS = {  # k_s, k_b, k_α, DI
     "1": (5.1, 4.3e-2, 10.2, 0.51),
@@ -1275,6 +1277,16 @@ def test_equal_figures_give_equal_files(campaign):
         for _ in range(2)
     )
     assert first == second
+
+
+def test_both_files_of_a_figure_are_laid_out_alike(campaign):
+    scores = surrogate_figures.pooled_scores(campaign[0]["predictions"])
+    figure = surrogate_figures.draw_benchmark(scores, campaign[0]["benchmark"])
+    places = []
+    for kind in ("svg", "png"):
+        style.render(figure, kind)
+        places.append([axes.get_position().bounds for axes in figure.axes])
+    assert places[0] == places[1]
 
 
 def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(campaign):

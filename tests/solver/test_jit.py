@@ -96,6 +96,7 @@ def outer(package, **environment):
     return float(value), cache.strip(), done.stderr
 
 
+@pytest.mark.slow
 def test_no_kernel_of_older_sources_runs_whatever_the_environment_says(package, tmp_path):
     kept = tmp_path / "kept"
     wanted = {"NUMBA_CACHE_DIR": str(kept), "NUMBA_CACHE_LOCATOR_CLASSES": "InTreeCacheLocator"}
@@ -107,6 +108,7 @@ def test_no_kernel_of_older_sources_runs_whatever_the_environment_says(package, 
     assert outer(package, **wanted)[0] == 30.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "environment",
     [

@@ -29,6 +29,8 @@ from dldsim.tables.parquet import read_table, write_csv, write_table
 from dldsim.tables.registry import COLUMNS
 from tests.app.conftest import filled
 
+pytestmark = pytest.mark.slow
+
 ASK = {
     "stiffness_set_1": "1",
     "stiffness_set_2": "3",

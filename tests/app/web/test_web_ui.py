@@ -14,6 +14,8 @@ from dldsim.app.web.ui.parts import allowed, plain
 from tests.app.web import web_page_fake
 from tests.app.web.web_page_fake import HIGH, ID, LOW, Fake
 
+pytestmark = pytest.mark.slow
+
 PAGE = Path(SCRIPT).parent
 
 
