@@ -16,7 +16,7 @@ export XDG_CACHE_HOME := $(CURDIR)/$(VENV)/cache
 export XDG_CONFIG_HOME := $(XDG_CACHE_HOME)
 endif
 
-.PHONY: campaign test quick web bench schema data reference clean
+.PHONY: campaign test quick web bench schema data architecture reference clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -42,6 +42,9 @@ schema: $(VENV)/installed
 
 data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
 	$(BIN)/python -m dldsim.design.finished_campaign results
+
+architecture: $(VENV)/installed  # the picture of docs/architecture.md
+	$(BIN)/python -m tests.architecture
 
 reference: $(VENV)/installed  # results/reference becomes what the package is judged by
 	$(BIN)/python -m dldsim.evidence.reference_study results

@@ -2,36 +2,30 @@
 
 import ast
 import graphlib
+import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
-PACKAGE = Path(__file__).parents[1] / "dldsim"
+from tests import architecture
+from tests.architecture import (
+    FLOORS,
+    PACKAGE,
+    PICTURE,
+    ROOT,
+    floor_imports,
+    floor_of,
+    graph,
+    imports,
+    sources,
+    within,
+)
 
-FLOORS = [
-    "dldsim",
-    "dldsim.errors",
-    "dldsim.vocabulary",
-    "dldsim.files",
-    "dldsim.laws",
-    "dldsim.config",
-    "dldsim.tables",
-    "dldsim.solver",
-    "dldsim.experiments",
-    "dldsim.analysis",
-    "dldsim.evidence",
-    "dldsim.report",
-    "dldsim.design",
-    "dldsim.app",
-    "dldsim.__main__",
-]
-"""From the ground up: folders with all that is in them, and modules beside them.
-
-A module imports from its own floor and from those before it.
-"""
 LIGHT = {
     "dldsim",
     "dldsim.__main__",
@@ -124,48 +118,6 @@ SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
 """Only inside the functions that need them."""
 
 
-def sources(package: Path) -> dict[str, Path]:
-    """All modules by dotted name; a folder's own is its __init__.py."""
-    found = {}
-    for path in sorted(package.rglob("*.py")):
-        parts = path.relative_to(package.parent).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
-
-
-def imports(path: Path, modules, top: bool = False) -> set[str]:
-    """Modules that a file imports, ours by full name; `top`: those executed on import only."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    found = set()
-    for node in tree.body if top else ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}:{node.lineno}: a relative import"
-            for alias in node.names:
-                name = f"{node.module}.{alias.name}"
-                found.add(name if name in modules else node.module)
-    return found
-
-
-def within(name: str, *places: str) -> bool:
-    return any(name == place or name.startswith(f"{place}.") for place in places)
-
-
-def floor_of(module: str) -> str:
-    """Where a module belongs: the part of its name after `dldsim`."""
-    return ".".join(module.split(".")[:2])
-
-
-def graph(package: Path) -> dict[str, set[str]]:
-    """Which module of the package imports which, also inside functions."""
-    modules = sources(package)
-    return {
-        name: {m for m in imports(path, modules) if within(m, "dldsim")} - {name}
-        for name, path in modules.items()
-    }
-
-
 def unlisted(package: Path) -> set[str]:
     """Top-level folders and modules without a floor, and floors without any module."""
     return {floor_of(name) for name in sources(package)} ^ set(FLOORS)
@@ -188,7 +140,7 @@ KERNELS = {m for m, found in graph(PACKAGE).items() if "dldsim.solver.jit" in fo
 
 def test_every_folder_and_module_has_a_floor():
     assert len(MODULES) > len(FLOORS)
-    assert not unlisted(PACKAGE), "keep FLOORS in tests/test_imports.py the list of what is there"
+    assert not unlisted(PACKAGE), "keep FLOORS in tests/architecture.py the list of what is there"
 
 
 def test_every_folder_is_a_package():
@@ -244,6 +196,42 @@ def test_a_fault_is_found(path, text, fault, tmp_path):
     if fault == "cycle":
         with pytest.raises(graphlib.CycleError):
             graphlib.TopologicalSorter(graph(package)).prepare()
+
+
+def test_the_imports_of_floors_are_those_of_their_modules(tmp_path):
+    (tmp_path / "dldsim" / "solver").mkdir(parents=True)
+    for name, text in {
+        "laws": "",
+        "errors": "",
+        "solver/mesh": "from dldsim.laws import f\nimport numpy\n",
+        "solver/loop": "def f():\n    from dldsim import errors\n    import dldsim.solver.mesh\n",
+    }.items():
+        (tmp_path / "dldsim" / f"{name}.py").write_text(text)
+    below = floor_imports(tmp_path / "dldsim")
+    assert list(below) == FLOORS
+    assert below.pop("dldsim.solver") == ["dldsim.errors", "dldsim.laws"]
+    assert not any(below.values())
+
+
+def test_the_picture_has_a_dot_for_every_import_and_no_other():
+    below = {"dldsim.a": [], "dldsim.b": ["dldsim.a"], "dldsim.c": ["dldsim.a", "dldsim.b"]}
+    [axes] = architecture.draw(below).axes
+    dots = [line.get_xydata().tolist() for line in axes.lines if line.get_marker() == "o"]
+    assert sum(dots, []) == [[0, 1], [0, 2], [1, 2]]
+    names = {text.get_text(): text.get_position() for text in axes.texts}
+    assert [names[name] for name in "abc"] == [(0, 0), (1, 1), (2, 2)]
+
+
+def test_the_picture_is_that_of_the_sources():
+    shown = json.loads(Image.open(PICTURE).text["Imports"])
+    assert shown == floor_imports(PACKAGE), "draw it anew: make architecture"
+
+
+def test_the_guide_lists_the_floors():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = text[text.index("| room") :].partition("\n\n")[0].splitlines()[2:]
+    rooms = re.findall(r"`(\w+)/?`", " ".join(line.split("|")[1] for line in table))
+    assert [f"dldsim.{room}" for room in rooms] == FLOORS[1:-1]
 
 
 @pytest.mark.parametrize("module", sorted(LIGHT))
