@@ -124,7 +124,7 @@ class ShearAssay(Simulated):
     """Simple shear between moving plates, elongation seen along the velocity gradient."""
 
     kind: Literal["shear"]
-    stress_Pa: float = Field(ge=1e-4, le=1e4, description="shear stress μγ̇ of the liquid")
+    stress_Pa: float = Field(ge=1e-4, le=1e4, description="shear stress of the liquid")
     nodes_per_radius: int = Field(5, ge=4, le=50, description="radius of the cell / spacing")
     axis: Axis = Field("z", description="direction of the cell's symmetry axis at release")
     strain_window: float = Field(

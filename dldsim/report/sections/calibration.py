@@ -47,6 +47,13 @@ def contents(page: Page) -> dict:
         "curves": page.figure("curves", assay_figures.draw_curves(calibration), ["calibration"])
         if calibration["deformation_index"].notna().any()
         else None,
+        "library": page.figure(
+            "calibration_library",
+            assay_figures.draw_curves(page["calibration_library"]),
+            ["calibration_library"],
+        )
+        if page.some("calibration_library")
+        else None,
         "study": page.figure(
             "assay_study", assay_figures.draw_curves(page["assay_study"]), ["assay_study"]
         )
