@@ -59,7 +59,7 @@ TABLES = {
             real("index_change", "1", "change of the index that was left when it was steady"),
         ),
         *COST,
-        real("capillary_number", "1", "μU/k_s; in shear U = shear rate · R; null for k_s = 0", True),
+        real("capillary_number", "1", "μU/k_s; in shear U = rate · R; null for k_s = 0", True),
         *DRIFT,
     ),
     "assay_trajectory": table(
