@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dldsim.app.commands.options import add_command, add_config, number
-from dldsim.app.commands.output import Display, check_writable, listing
+from dldsim.app.commands.output import Display, check_writable, frame_lines, listing, records
 from dldsim.app.commands.settings import configuration
 from dldsim.config.assay_sections import AssayCell, Shape, TableAssay
 from dldsim.config.assays import points_of, settings_of_point
@@ -43,14 +43,12 @@ def calibrate(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
     with Display() as progress:
         table, files = run_calibration(name, settings, output, progress)
-    lines = [
-        f"{row['cell_shape']}, R {row['cell_radius_um']:g} µm, {row['group']}: index "
-        f"{row['deformation_index']:.4f} ± {row['deformation_index_std']:.4f}, "
-        f"{row['resolving_power']:.1f} s.d. to the next"
-        for row in table.to_dict("records")
-    ]
-    summary = {"assay": name, "rows": table.to_dict("records"), "files": [*map(str, files)]}
-    return summary, [*lines, *listing({"files": summary["files"]})]
+    shown = table[["assay", "cell_shape", "cell_radius_um", "group", "ks_uN_per_m", *RESULTS]]
+    summary = {"assay": name, "rows": records(table), "files": [*map(str, files)]}
+    return summary, [*frame_lines(shown), *listing({"files": summary["files"]})]
+
+
+RESULTS = ("deformation_index", "deformation_index_std", "resolving_power", "resolving_power_all")
 
 
 def _with_assay(given: str, config: Partial) -> tuple[str, Partial]:
