@@ -11,7 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -26,6 +26,7 @@ from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, Ru
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
 from dldsim.experiments.outcome_files import (
+    Measured,
     OutcomeFiles,
     Partial,
     Progress,
@@ -328,13 +329,6 @@ def assay_job(
             progress,
         )
     write_assay_runs(found, rows, trajectory, settings)
-
-
-class Measured(NamedTuple):
-    """Row of `assay_runs` and columns of `assay_trajectory` of one passage."""
-
-    row: dict
-    trajectory: dict
 
 
 def passages_of_point(

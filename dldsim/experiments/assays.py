@@ -3,7 +3,8 @@
 from dldsim.config.assay_sections import ChannelAssay, ConstrictionAssay, ShearAssay, Simulated
 from dldsim.config.assays import Membrane, Passage
 from dldsim.config.sections import Cell, CellShape, Flow, Numerics
-from dldsim.experiments.passage import Measured
+from dldsim.experiments.outcome_files import Measured
+from dldsim.experiments.runner import Progress
 
 
 def known_of(
@@ -52,7 +53,7 @@ def simulate_passage(
     passage: Passage,
     *,
     run_id: str,
-    progress=None,
+    progress: Progress = None,
 ) -> Measured:
     """Carry one cell through an assay: its row of `assay_runs`, whole, and its trajectory.
 

@@ -10,7 +10,8 @@ from dldsim.config.assay_sections import ChannelAssay
 from dldsim.config.feasibility import check_fits
 from dldsim.config.sections import Cell, Flow, Numerics, Stiffness
 from dldsim.experiments.constriction import Channel, scene_in, steady_start
-from dldsim.experiments.passage import Measured, box_index, carry_until_steady, refined_step
+from dldsim.experiments.outcome_files import Measured
+from dldsim.experiments.passage import box_index, carry_until_steady, refined_step
 from dldsim.experiments.runner import Progress, again_if_unstable
 from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import make_lattice

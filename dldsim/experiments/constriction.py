@@ -12,7 +12,8 @@ import numpy as np
 from dldsim.config.feasibility import check_channel, check_release
 from dldsim.config.sections import Cell, Constriction, Flow, Numerics, Stiffness
 from dldsim.errors import NoRoom
-from dldsim.experiments.passage import Measured, box_index, measured, refined_step, sight
+from dldsim.experiments.outcome_files import Measured
+from dldsim.experiments.passage import box_index, measured, refined_step, sight
 from dldsim.experiments.recording import Record
 from dldsim.experiments.runner import Progress, Stop, advance_until, again_if_unstable
 from dldsim.laws import even_throat, viscosity

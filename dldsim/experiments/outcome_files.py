@@ -53,7 +53,16 @@ def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
     write_table("runs", [result.row], row, provenance(settings))
 
 
-def write_assay_runs(results, rows: Path, trajectory: Path, settings: Mapping) -> None:
+class Measured(NamedTuple):
+    """One passage of an assay: row of `assay_runs`, columns of `assay_trajectory`."""
+
+    row: dict
+    trajectory: dict
+
+
+def write_assay_runs(
+    results: Iterable[Measured], rows: Path, trajectory: Path, settings: Mapping
+) -> None:
     """Write the two tables of the passages of a point, its rows last."""
     about = provenance(settings)
     names = schema("assay_trajectory").names

@@ -8,20 +8,13 @@ import numpy as np
 
 from dldsim.config.limits import check_time
 from dldsim.config.sections import Numerics, Stiffness
+from dldsim.experiments.outcome_files import Measured
 from dldsim.experiments.outline import circularity, outline
 from dldsim.experiments.recording import Record
 from dldsim.experiments.runner import Progress, Stop, advance_until
 from dldsim.solver.observe import Sample, deformation_index
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import bottleneck, margins, refined, refinement
-
-
-class Measured(NamedTuple):
-    """``row``: the columns of `assay_runs` that a simulation fills; ``trajectory``: the columns of
-    `assay_trajectory`."""
-
-    row: dict
-    trajectory: dict
 
 
 class Sight(NamedTuple):

@@ -8,7 +8,8 @@ import numpy as np
 
 from dldsim.config.assay_sections import ShearAssay
 from dldsim.config.sections import Cell, Flow, Numerics, Stiffness
-from dldsim.experiments.passage import Measured, carry_until_steady, elongation_index, refined_step
+from dldsim.experiments.outcome_files import Measured
+from dldsim.experiments.passage import carry_until_steady, elongation_index, refined_step
 from dldsim.experiments.runner import Progress, again_if_unstable
 from dldsim.experiments.shear import start_shear
 from dldsim.solver.flow import Fluid
