@@ -23,7 +23,7 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dldsim.config import campaign
+from dldsim.config import assays, campaign
 from dldsim.config.configuration import Config
 from dldsim.config.presets import read_config
 from dldsim.config.sections import Geometry
@@ -32,7 +32,7 @@ from dldsim.solver.mesh import area, frequency_for_edge, make_shape
 from dldsim.tables.parquet import read_rows
 
 CONFIG = Path(__file__).parents[1] / "config.yaml"
-SIMULATIONS = ("empty_flow", "simulate_outcome", "constrict", "verify")
+SIMULATIONS = ("empty_flow", "simulate_outcome", "assay_point", "verify")
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def predict(config: Config, found: dict, speed: Speed, passage_s: float) -> Work
     return Work(
         n,
         n * sets,
-        len(campaign.constrictions(config)),
+        len(assays.points(config)),
         speed.start_s + flows / n,
         outcome_s,
         passage_s,
@@ -200,7 +200,12 @@ def main() -> None:
     parser.add_argument("--slurm-start", type=float, default=10.0, help="of a Slurm job [s]")
     parser.add_argument("--wait", type=float, default=60.0, help="in the queue [s]")
     parser.add_argument("--poll", type=float, default=30.0, help="until an end is seen [s]")
-    parser.add_argument("--passage", type=float, default=4.0, help="of a constriction run [s]")
+    parser.add_argument(
+        "--passage",
+        type=float,
+        default=4.0,
+        help="of the passages of a cell and membrane through an assay [s]",
+    )
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     speed = Speed(

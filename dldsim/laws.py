@@ -43,6 +43,29 @@ def rest_area(shape: str, aspect_ratio: float) -> float:
     return 2 * math.pi * (1 + side)
 
 
+def rest_thickness(shape: str, aspect_ratio: float) -> float:
+    """Largest extent / R along the symmetry axis of a cell at rest; `aspect_ratio` counts for the
+    ellipsoid only."""
+    if shape == "biconcave":  # largest of √(1−r²) (c₀ + c₂ r² + c₄ r⁴), at r = 0.70
+        return 0.6562
+    return 2 * aspect_ratio if shape == "ellipsoid" else 2.0
+
+
+def area_modulus(ks: float, kal: float, kag: float) -> float:
+    """K = √3/2 k_s + k_α/2 + k_ag/2 of a network of equilateral triangles.
+
+    Springs: Seung & Nelson, Phys. Rev. A 38 (1988) 1005. The area terms follow from their work
+    under uniform dilation (see `solver.membrane.energies`); k_ag resists only changes of the total
+    area.
+    """
+    return math.sqrt(3) / 2 * ks + kal / 2 + kag / 2
+
+
+LARGEST_TENSION = 0.1
+"""Viscous stress μU over area modulus K + k_ag/2: at 0.3 the flow tears cells to twice their area.
+"""
+
+
 def pillar_centres(
     pitch: float, row_shift: float, row: int, low: float, high: float
 ) -> list[tuple[float, float]]:

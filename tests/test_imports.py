@@ -37,6 +37,8 @@ LIGHT = {
         f"dldsim.config.{name}"
         for name in (
             "sections",
+            "assay_sections",
+            "assays",
             "design_sections",
             "study_sections",
             "survey_section",
@@ -64,6 +66,7 @@ LIGHT = {
     *(
         f"dldsim.app.commands.{name}"
         for name in (
+            "calibration",
             "design",
             "options",
             "output",
@@ -113,7 +116,10 @@ WITHOUT_KERNELS = (
     ),
 )
 """These read tables and never touch a kernel."""
-RUNS = {"dldsim.experiments.array_run", "dldsim.experiments.constriction"}
+RUNS = {
+    f"dldsim.experiments.{name}"
+    for name in ("array_run", "assays", "channel", "constriction", "passage", "sheared")
+}
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
 """Only inside the functions that need them."""
 

@@ -30,7 +30,7 @@ from snakemake.settings.types import (
     ResourceSettings,
 )
 
-from dldsim.config import campaign
+from dldsim.config import assays, campaign
 from dldsim.config.configuration import Config
 from dldsim.config.presets import read_config
 from dldsim.config.provenance import STAMP, settings_hash, stamp
@@ -59,7 +59,8 @@ AFTER_OUTCOMES = {
     "all": 1,
 }
 VERIFIED = {"verify": 1, "verifications": 1, "report": 1, "all": 1}
-AFTER_CONSTRICTION = {"constriction_runs": 1, "calibration": 1} | AFTER_OUTCOMES
+AFTER_CALIBRATION = {"calibration": 1} | AFTER_OUTCOMES
+AFTER_ASSAYS = {"assays": 1} | AFTER_CALIBRATION
 
 
 def snakemake(folder, *argv, check=True):
@@ -188,13 +189,13 @@ def test_presets_plan_their_outcomes(preset, geometries, tmp_path):
     config = read_config(ROOT / "config.yaml", {"preset": preset})
     assert counts["simulate_outcome"] == len(campaign.outcomes(config))
     assert counts["empty_flow"] == geometries
-    assert counts["constrict"] == len(campaign.constrictions(config))
+    assert counts["assay_point"] == len(assays.points(config))
     assert counts["report"] == counts["all"] == 1
 
 
 def test_named_target_runs_only_its_part(tmp_path):
     folder = copy_workflow(tmp_path)
-    assert set(planned(folder, "calibration")) == {"constrict", "constriction_runs", "calibration"}
+    assert set(planned(folder, "calibration")) == {"assay_point", "assays", "calibration"}
     counts = planned(folder, "robustness_map")
     assert counts["robustness_map"] == 1
     assert not {"report", "surrogate", "designs", "anova", "benchmark"} & set(counts)
@@ -208,18 +209,22 @@ FLOWS = {"empty_flow": 8, "flows": 1}
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ("numerics={kernel: 4-point}", SIMULATIONS | {"constrict": 6} | AFTER_CONSTRICTION),
+        ("numerics={kernel: 4-point}", SIMULATIONS | {"assay_point": 11} | AFTER_ASSAYS),
         ("numerics={rows: 3}", SIMULATIONS | FLOWS | AFTER_OUTCOMES),
         ("flow={mean_velocity_mm_s: 2}", SIMULATIONS | FLOWS | AFTER_OUTCOMES),
         ("run_control={records_per_row: 9}", SIMULATIONS | AFTER_OUTCOMES),
         ("run_control={release_gap_fractions: [0.5, 0.7]}", SIMULATIONS | AFTER_OUTCOMES),
         (
             'stiffness_sets={"5": {ks_uN_per_m: 6}}',
-            {"simulate_outcome": 8} | GATHERED | AFTER_OUTCOMES,
+            {"simulate_outcome": 8, "assay_point": 1} | GATHERED | AFTER_ASSAYS,
         ),
-        ("constriction_groups={G4: {velocity_mm_s: 2}}", {"constrict": 1} | AFTER_CONSTRICTION),
-        ("constriction={release_positions_um: [0.0, 3.0]}", {"constrict": 6} | AFTER_CONSTRICTION),
-        ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
+        ("constriction_groups={G4: {velocity_mm_s: 3}}", {"assay_point": 1} | AFTER_ASSAYS),
+        ("constriction={release_positions_um: [0.0, 3.0]}", {"assay_point": 6} | AFTER_ASSAYS),
+        ("assays={fixed-velocity: {velocity_mm_s: 2.5}}", {"assay_point": 3} | AFTER_ASSAYS),
+        ("assays={gauge: {stress_Pa: 1.5}}", {"assay_point": 5} | AFTER_ASSAYS),
+        ("assays={source-table: {error: 0.01}}", AFTER_CALIBRATION),
+        ("default_assay=group-velocity", AFTER_CALIBRATION),
+        ("calibration_library={assays: []}", {}),
         (
             "sweep={gap_um: [15, 20, 21]}",
             {"empty_flow": 4, "flows": 1, "simulate_outcome": 8} | GATHERED | AFTER_OUTCOMES,
@@ -318,7 +323,7 @@ def copied(finished, tmp_path):
             | VERIFIED,
         ),
         ("sweep={gap_um: [20]}", {"flows": 1} | GATHERED | AFTER_OUTCOMES),
-        ("constriction={fixed_velocity_mm_s: 2.5}", {"constrict": 3} | AFTER_CONSTRICTION),
+        ("assays={fixed-velocity: {velocity_mm_s: 2.5}}", {"assay_point": 3} | AFTER_ASSAYS),
     ],
 )
 def test_copied_results_are_judged_by_what_they_say(copied, change, expected):
@@ -368,8 +373,7 @@ NOTHING = (
     "runs",
     "trajectories",
     "outcomes",
-    "constriction_runs",
-    "calibration",
+    "assays",
     "robustness_map",
     "validate_case",
     "validation",
@@ -400,7 +404,18 @@ READS = {
     "survey_point": {"cell", "flow", "numerics", "run_control"},
     "survey": {"survey"},
     "empty_flow": {"flow", "numerics"},
-    "constrict": {"cell", "flow", "numerics", "constriction", "constriction_groups"},
+    "assay_point": {
+        "cell",
+        "flow",
+        "numerics",
+        "stiffness_sets",
+        "constriction",
+        "constriction_groups",
+        "assays",
+    },
+    **dict.fromkeys(
+        ("calibration", "calibration_library", "assay_study"), {"default_assay", "stiffness_sets"}
+    ),
     "sensitivity": {"seed", "fabrication"},
     "verify": OUTCOME | DESIGN | {"verification"},
     "accuracy_run": OUTCOME | {"accuracy", "constriction", "constriction_groups"},
@@ -414,6 +429,8 @@ READS = {
         "numerics",
         "run_control",
         "constriction",
+        "assays",
+        "default_assay",
         "design_requests",
     },
 }
@@ -428,6 +445,10 @@ CHANGES = {
     "constriction": "constriction={width_um: 31}",
     "stiffness_sets": "stiffness_sets={'1': {ks_uN_per_m: 6}, '5': {ks_uN_per_m: 21}}",
     "constriction_groups": "constriction_groups={G1: {velocity_mm_s: 2}}",
+    "assays": "assays={gauge: {stress_Pa: 1.5}}",
+    "default_assay": "default_assay=group-velocity",
+    "calibration_library": "calibration_library={assays: []}",
+    "assay_study": "assay_study={assays: {shear-low: {stress_Pa: 0.1}}}",
     "design_requests": "design_requests=[{name: soft-from-stiff, stiffness_set_1: '1', "
     "stiffness_set_2: '5', trials: 30}]",
     "verification": "verification={rounds: 2}",
@@ -739,7 +760,7 @@ def test_tiny_campaign_end_to_end(tmp_path):
         "flows": "flows",
         "trajectory": "trajectories",
         "calibration": "calibration",
-        "constriction_runs": "constriction_runs",
+        "assay_runs": "assay_runs",
         "calibration_correlations": "calibration_correlations",
         "anova": "anova",
         "robustness": "robustness",

@@ -1,4 +1,4 @@
-"""Commands for one-off use: run, flow, constrict, anova, stiffness, design, validate, info, serve.
+"""Commands for one-off use: simulations, tables, designs, validation, the service.
 
 Summaries go to standard output, as text or as one JSON object; all else goes to standard error.
 Keys of the summaries are the tables' column names.
@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 
 from dldsim import __version__
+from dldsim.app.commands.calibration import add_calibrate
 from dldsim.app.commands.design import add_design
 from dldsim.app.commands.options import Parser
 from dldsim.app.commands.output import make_printable, plain_value
@@ -61,6 +62,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_run,
         add_flow,
         add_constrict,
+        add_calibrate,
         add_anova,
         add_stiffness,
         add_design,

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis import surrogate
-from dldsim.analysis.calibration import join_deformation_index
+from dldsim.analysis.calibration import default_curves, join_deformation_index
 from dldsim.config.design_sections import DesignRequest, Verification
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
@@ -42,17 +42,17 @@ def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | Non
                 allowed="deformation_index_1 and deformation_index_2",
                 remedy="Name the cell types by these, or add the table calibration.",
             )
-        known = sorted({str(n) for n in calibration["stiffness_set"].dropna() if n})
+        known = default_curves(calibration)["stiffness_set"].dropna()
+        known = sorted({str(n) for n in known if n})
         for key in keys:
             if (name := getattr(request, key)) not in known:
                 raise DldsimError(
-                    f"{key}: no constriction group calibrates stiffness set {name} (calibrated: "
-                    f"{', '.join(known) or 'none'}).",
+                    f"{key}: no membrane of the default assay stands for stiffness set {name} "
+                    f"(calibrated: {', '.join(known) or 'none'}).",
                     key=key,
                     value=name,
                     allowed=", ".join(known),
-                    remedy="Name a calibrated one, or add a group with "
-                    "that stiffness_set to constriction_groups.",
+                    remedy="Name a calibrated one.",
                 )
         joined = join_deformation_index(pd.DataFrame({"stiffness_set": names}), calibration)
         for name, mean, std in joined[

@@ -14,34 +14,28 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from dldsim.analysis import uncertainty
 from dldsim.config import campaign, identifiers
+from dldsim.config.assay_sections import GROUP_VELOCITY, Assay, TableAssay
+from dldsim.config.assays import Membrane, passages_of
 from dldsim.config.configuration import sections_from
 from dldsim.config.provenance import provenance
-from dldsim.config.sections import (
-    Cell,
-    CellShape,
-    Constriction,
-    ConstrictionGroup,
-    Flow,
-    Geometry,
-    Numerics,
-    RunControl,
-    Stiffness,
-)
+from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError
 from dldsim.evidence import accuracy
 from dldsim.experiments.outcome_files import (
+    Measured,
     OutcomeFiles,
     Partial,
     Progress,
     flow_row,
-    write_constriction,
+    write_assay_runs,
     write_outcome,
 )
 from dldsim.files import atomic_path, why_not_written
-from dldsim.tables.parquet import read_rows, write_csv, write_table
+from dldsim.tables.parquet import read_many, read_rows, write_csv, write_table
 from dldsim.tables.registry import COLUMNS
 
 
@@ -239,8 +233,6 @@ def accuracy_job(
     """One run of the accuracy study: its row of `runs` or `constriction_runs`."""
     variant = accuracy.parse_variant(identifier)
     kind = accuracy.kind_of(variant)
-    cell, flow = Cell(**settings["cell"]), Flow(**settings["flow"])
-    numerics = Numerics(**settings["numerics"])
 
     def simulate() -> None:
         if kind == "runs":
@@ -249,38 +241,26 @@ def accuracy_job(
             result = simulate_run(
                 Geometry(**settings["geometry"]),
                 Stiffness(**settings["stiffness"]),
-                cell,
-                flow,
-                numerics,
+                Cell(**settings["cell"]),
+                Flow(**settings["flow"]),
+                Numerics(**settings["numerics"]),
                 RunControl(**settings["run_control"]),
                 run_id=identifier,
                 outcome_id=variant.run,
                 stiffness_set=settings["stiffness_set"],
                 progress=progress,
-            ).row
+            )
         else:
-            from dldsim.experiments.constriction import simulate_constriction
-
-            result = simulate_constriction(
-                variant.run,
-                ConstrictionGroup(**settings["group"]),
-                Constriction(**settings["constriction"]),
-                cell,
-                flow,
-                numerics,
-                release_position_um=settings["release_position_um"],
-                run_id=identifier,
-                progress=progress,
-            ).row
-        write_table(kind, [result], row, provenance(settings))
+            result = passage(progress)
+        write_table(kind, [result.row], row, provenance(settings))
 
     def give_up(reason: str) -> None:
-        if kind == "runs":
-            known = _known_of_run(identifier, variant.run, settings)
-        else:
-            known = _known_of_constriction(identifier, variant.run, settings)
         write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
 
+    if kind == "runs":
+        known = _known_of_run(identifier, variant.run, settings)
+    else:
+        [(known, passage)] = passages_of_point(GROUP_VELOCITY, identifier, settings)
     _attempt(identifier, simulate, give_up, crashes, progress)
 
 
@@ -320,64 +300,83 @@ def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
     }
 
 
-def constriction_job(
+def assay_job(
     identifier: str,
     settings: Mapping,
     *,
-    row: Path,
+    rows: Path,
     trajectory: Path,
     crashes: Path,
     progress: Progress,
 ) -> None:
-    """One constriction run: `row` of `constriction_runs`, and its `trajectory`."""
-    name, _, design = identifiers.parse_constriction(identifier)
-    group = ConstrictionGroup(**settings["group"])
-    channel = Constriction(**settings["constriction"])
-    release = settings["release_position_um"]
+    """One point of a calibration: `rows` of `assay_runs`, one for each passage, and `trajectory`.
 
-    def simulate() -> None:
-        from dldsim.experiments.constriction import simulate_constriction
+    A passage that fails is a row of status failed; the others count.
+    """
+    found: list[Measured] = []
+    name = identifiers.parse_point(identifier).assay
+    for known, simulate in passages_of_point(name, identifier, settings):
 
-        result = simulate_constriction(
-            name,
-            group,
-            channel,
-            Cell(**settings["cell"]),
-            Flow(**settings["flow"]),
-            Numerics(**settings["numerics"]),
-            release_position_um=release,
-            run_id=identifier,
-            progress=progress,
+        def give_up(reason: str, known=known) -> None:
+            nothing = _empty("assay_trajectory")
+            found.append(Measured(_failed("assay_runs", known, reason), nothing))
+
+        _attempt(
+            identifier,
+            lambda simulate=simulate: found.append(simulate(progress)),
+            give_up,
+            crashes,
+            progress,
         )
-        result.row["design"] = design
-        write_constriction(result, row, trajectory, settings)
-
-    def give_up(reason: str) -> None:
-        known = _known_of_constriction(identifier, name, settings) | {"design": design}
-        kind = "constriction_runs"
-        write_table(
-            "constriction_trajectory",
-            _empty("constriction_trajectory"),
-            trajectory,
-            provenance(settings),
-        )
-        write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
-
-    _attempt(identifier, simulate, give_up, crashes, progress)
+    write_assay_runs(found, rows, trajectory, settings)
 
 
-def _known_of_constriction(identifier: str, name: str, settings: Mapping) -> dict:
-    """Columns of `constriction_runs` that do not need a simulation."""
-    group = ConstrictionGroup(**settings["group"])
-    return {
-        "run_id": identifier,
-        "group": name,
-        "stiffness_set": group.stiffness_set or "",
-        **group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"}),
-        "velocity_mm_s": group.velocity_mm_s,
-        "design": identifiers.GROUP_VELOCITY,
-        "release_position_um": settings["release_position_um"],
-    }
+def passages_of_point(
+    name: str, identifier: str, settings: Mapping
+) -> list[tuple[dict, Callable[[Progress | None], Measured]]]:
+    """The passages of a point: what is known of each, and the call that simulates it."""
+    from dldsim.experiments.assays import known_of, simulate_passage
+
+    assay = TypeAdapter(Assay).validate_python(settings["assay"])
+    given = settings["membrane"]
+    membrane = Membrane(**{**given, "stiffness": Stiffness(**given["stiffness"])})
+    cell, flow = CellShape(**settings["cell"]), Flow(**settings["flow"])
+    about = name, assay, membrane, cell
+    parts = []
+    for number, passage in enumerate(passages_of(assay, cell.shape)):
+        run = f"{identifier}_{number}"
+        known = known_of(*about, flow.viscosity_mPa_s, passage, run)
+
+        def simulate(progress: Progress | None, passage=passage, run=run) -> Measured:
+            numerics = Numerics(**settings["numerics"])
+            return simulate_passage(*about, flow, numerics, passage, run_id=run, progress=progress)
+
+        parts.append((known, simulate))
+    return parts
+
+
+def published(settings: Mapping) -> dict:
+    """Published pairs of index and stiffness set, with the moduli of the sets, by assay."""
+    sets = {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()}
+    return {name: (TableAssay(**pairs), sets) for name, pairs in settings["published"].items()}
+
+
+def write_curves(
+    kind: str, rows: Iterable[Path], settings: Mapping, *, table: Path, figure: Path | None = None
+) -> None:
+    """Calibrations from the passages of some points, with a figure of them if one is asked for."""
+    from dldsim.analysis.passages import calibrate
+
+    runs = read_many("assay_runs", rows)
+    curves = calibrate(runs, settings["default_assay"], published(settings))
+    write_table(kind, curves, table, provenance(settings))
+    write_csv(kind, table)
+    if figure is not None:
+        from dldsim.report.assay_figures import draw_curves
+        from dldsim.report.style import render
+
+        with atomic_path(Path(figure)) as part:
+            part.write_bytes(render(draw_curves(curves), "png"))
 
 
 def validation_job(

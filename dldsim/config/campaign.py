@@ -12,14 +12,7 @@ from pathlib import Path
 
 from dldsim.config.configuration import Config
 from dldsim.config.feasibility import check_gap
-from dldsim.config.identifiers import (
-    FIXED_VELOCITY,
-    GROUP_VELOCITY,
-    Pair,
-    constriction_id,
-    geometry_id,
-    outcome_id,
-)
+from dldsim.config.identifiers import Pair, geometry_id, outcome_id
 from dldsim.config.sections import Geometry
 from dldsim.errors import DldsimError
 from dldsim.files import atomic_path, why_not_written
@@ -50,18 +43,6 @@ def outcomes(config: Config) -> list[Pair]:
     """The pairs of array and cell of the sweep, in order of their identifiers."""
     sets = config.sweep.stiffness_sets
     return sorted((Pair(g, s) for g in geometries(config) for s in sets), key=outcome_id)
-
-
-def constrictions(config: Config) -> list[str]:
-    """Identifiers of all constriction runs."""
-    channel = config.constriction
-    designs = [GROUP_VELOCITY] + [FIXED_VELOCITY] * (channel.fixed_velocity_mm_s is not None)
-    return [
-        constriction_id(g, i, design)
-        for design in designs
-        for g in config.constriction_groups
-        for i in range(len(channel.release_positions_um))
-    ]
 
 
 def import_from(folder: Path) -> None:

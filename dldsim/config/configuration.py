@@ -2,11 +2,18 @@
 
 import types
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from pydantic import Field, TypeAdapter, field_validator, model_validator
 
+from dldsim.config.assay_sections import (
+    Assay,
+    AssayStudy,
+    CalibrationLibrary,
+    ConstrictionAssay,
+    TableAssay,
+)
 from dldsim.config.design_sections import DesignRequest, Device, Fabrication, Verification
 from dldsim.config.limits import Limits
 from dldsim.config.sections import (
@@ -88,6 +95,12 @@ class Partial(Section):
     numerics: Numerics = Numerics()
     run_control: RunControl = RunControl()
     constriction: Constriction = Constriction()
+    assays: dict[Name, Assay] = Field({}, description="ways to measure deformability by name")
+    default_assay: str = Field(
+        "gauge", description="name from assays: its index is that of the campaign's outcomes"
+    )
+    calibration_library: CalibrationLibrary = CalibrationLibrary()
+    assay_study: AssayStudy = AssayStudy()
     stiffness_sets: dict[Name, Stiffness] = Field(
         {}, description="membranes of the campaign by name"
     )
@@ -120,8 +133,8 @@ class Config(Partial):
     stiffness_sets: dict[Name, Stiffness] = Field(
         min_length=1, description="membranes of the campaign by name"
     )
-    constriction_groups: dict[Name, ConstrictionGroup] = Field(
-        min_length=1, description="stiffness groups of the calibration by name"
+    assays: dict[Name, Assay] = Field(
+        min_length=1, description="ways to measure deformability by name"
     )
 
     @model_validator(mode="after")
@@ -162,14 +175,7 @@ class Config(Partial):
                 f"one constriction group per stiffness set; several for {', '.join(repeated)}",
                 "constriction_groups",
             )
-        missing = [name for name in self.sweep.stiffness_sets if name not in calibrated]
-        if missing:
-            raise Unfit(
-                f"no constriction group calibrates stiffness set {', '.join(missing)}: "
-                "give one of constriction_groups that stiffness_set",
-                "constriction_groups",
-                "sweep.stiffness_sets",
-            )
+        self._check_assays(calibrated)
         names = [request.name for request in self.design_requests]
         repeated = sorted({name for name in names if names.count(name) > 1})
         if repeated:
@@ -185,6 +191,44 @@ class Config(Partial):
                     "accuracy.deformation_index.cases",
                 )
         return self
+
+    def _check_assays(self, in_groups: Collection[str]) -> None:
+        """Refuse assays that do not know their membranes, or leave a set of the sweep without an
+        index. ``in_groups``: stiffness sets that a constriction group stands for."""
+        if self.default_assay not in self.assays:
+            raise Unfit(f"one of the assays {', '.join(self.assays)}", "default_assay")
+        for section, names in (
+            ("assay_study", self.assay_study.assays),
+            ("calibration_library", self.calibration_library.assays),
+        ):
+            wrong = [n for n in names if (n in self.assays) == (section == "assay_study")]
+            if wrong:
+                allowed = "names that assays has not" if section == "assay_study" else "names from"
+                raise Unfit(f"{allowed} assays; {', '.join(wrong)}", f"{section}.assays")
+        for section, assays in (("", self.assays), ("assay_study.", self.assay_study.assays)):
+            for name, assay in assays.items():
+                key = f"{section}assays.{name}"
+                if isinstance(assay, TableAssay):
+                    unknown = [s for s in assay.indices if s not in self.stiffness_sets]
+                    if unknown:
+                        known = ", ".join(self.stiffness_sets)
+                        raise Unfit(f"stiffness sets {known}; {unknown[0]}", f"{key}.indices")
+                elif getattr(assay, "groups", False) and not self.constriction_groups:
+                    raise Unfit("constriction_groups, which groups: true takes", f"{key}.groups")
+        default = self.assays[self.default_assay]
+        measured: Collection[str] = self.stiffness_sets
+        if isinstance(default, TableAssay):
+            measured = default.indices
+        elif isinstance(default, ConstrictionAssay) and default.groups:
+            measured = () if default.velocity_mm_s else in_groups
+        missing = [name for name in self.sweep.stiffness_sets if name not in measured]
+        if missing:
+            raise Unfit(
+                f"no membrane of assay {self.default_assay} stands for stiffness set "
+                f"{', '.join(missing)}",
+                "default_assay",
+                "sweep.stiffness_sets",
+            )
 
 
 def sections_from(settings: Mapping[str, Any]) -> types.SimpleNamespace:

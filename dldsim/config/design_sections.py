@@ -166,7 +166,7 @@ class DesignRequest(Section):
                     key=f"stiffness_set_{i}",
                     value=name,
                     allowed=calibrated,
-                    remedy=f"Add a constriction group for it, or give deformation_index_{i}.",
+                    remedy=f"Let the default assay measure it, or give deformation_index_{i}.",
                 )
             update |= {f"deformation_index_{i}": by_set[name], f"stiffness_set_{i}": None}
         return self.model_copy(update=update)

@@ -6,7 +6,7 @@ import typing
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ValidationError, create_model
+from pydantic import BaseModel, Tag, ValidationError, create_model
 
 from dldsim.config.sections import Section, Unfit
 from dldsim.errors import DldsimError
@@ -46,7 +46,10 @@ def fault_of(model: type[BaseModel], details: Mapping) -> DldsimError:
     loc, kind, value = tuple(details["loc"]), details["type"], details["input"]
     if loc and loc[-1] == "[key]":  # the name of an entry
         loc = loc[:-1]
-    path = ".".join(str(part) for part in loc)
+    if kind.startswith("union_tag"):
+        loc, value = (*loc, "kind"), details.get("ctx", {}).get("tag")
+        kind = "missing" if value is None else kind
+    path = ".".join(str(part) for part in untagged(model, loc))
     inner = getattr(details.get("ctx", {}).get("error"), "keys", ())
     keys = [f"{path}.{key}" if path else key for key in inner] or [path]
     shown = "" if isinstance(value, dict | BaseModel) else repr(value)
@@ -55,7 +58,7 @@ def fault_of(model: type[BaseModel], details: Mapping) -> DldsimError:
         shown = "unknown key" + (f" (= {value!r})" if not isinstance(value, dict | list) else "")
     elif kind == "missing":
         shown = "missing"
-    elif kind == "literal_error":
+    elif kind in ("literal_error", "union_tag_invalid"):
         allowed += did_you_mean(value, _choices(_annotation_at(model, loc)))
     lines = [
         f"  key      {path or '(whole configuration)'}",
@@ -67,12 +70,36 @@ def fault_of(model: type[BaseModel], details: Mapping) -> DldsimError:
     )
 
 
+def _tagged(annotation: Any) -> dict[str, Any]:
+    """The sections of a union that are told apart by a tag, by tag; empty for anything else."""
+    if typing.get_origin(annotation) is Annotated:
+        annotation = typing.get_args(annotation)[0]
+    return {
+        mark.tag: typing.get_args(choice)[0]
+        for choice in typing.get_args(annotation)
+        if typing.get_origin(choice) is Annotated
+        for mark in choice.__metadata__
+        if isinstance(mark, Tag)
+    }
+
+
+def untagged(model: type[BaseModel], loc: tuple) -> tuple:
+    """A key path without the tags of unions, which are no keys."""
+    return tuple(
+        part for i, part in enumerate(loc) if part not in _tagged(_field_at(model, loc[:i])[0])
+    )
+
+
 def _field_at(model: type[BaseModel], loc: tuple) -> tuple[Any, Any]:
     """Annotation and innermost named field at a key path."""
     annotation: Any = model
     field = None
     for part in loc:
-        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        if tagged := _tagged(annotation):
+            if part == "kind":
+                return Literal[tuple(tagged)], None
+            annotation = tagged.get(part, Any)
+        elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
             field = annotation.model_fields.get(part)
             annotation = field.annotation if field else Any
         else:

@@ -1,9 +1,13 @@
 """What a setting that is valid alone cannot be together with others: gaps, cells, lattices."""
 
 import math
+from collections.abc import Iterable
 
 from dldsim import laws
-from dldsim.config.configuration import Config
+from dldsim.config import assays
+from dldsim.config.assay_sections import ChannelAssay, ConstrictionAssay, ShearAssay
+from dldsim.config.configuration import Config, Partial
+from dldsim.config.identifiers import Point
 from dldsim.config.limits import Limits, check_memory
 from dldsim.config.sections import CellShape, Constriction, Flow, Geometry, Numerics
 from dldsim.errors import DldsimError
@@ -169,13 +173,114 @@ def check_throat(channel: Constriction, cell: CellShape) -> None:
             )
 
 
+def check_fits(assay: ChannelAssay, cell: CellShape, offset_um: float) -> None:
+    """Refuse a straight channel in which the cell has no room at release, ``offset_um`` off the
+    axis across the picture."""
+    thickness = laws.rest_thickness(cell.shape, cell.aspect_ratio)
+    for key, axis, aside in (("width_um", "y", offset_um), ("height_um", "z", 0.0)):
+        extent = cell.radius_um * (thickness if cell.axis == axis else 2.0)
+        least = extent + 2 * aside + assay.spacing_um
+        if (value := getattr(assay, key)) < least:
+            off = f" released {aside:g} µm off the axis" if aside else ""
+            raise DldsimError(
+                f"{key} = {value:g}: a {cell.shape} cell of radius {cell.radius_um:g} µm{off} does "
+                f"not fit; it is {extent:.3g} µm across and needs half a node of "
+                f"{assay.spacing_um:g} µm on either side.",
+                key=key,
+                value=value,
+                allowed=f"{least:.3g} or more",
+                remedy="Widen the channel, or lower the radius or the offset.",
+            )
+
+
+def check_tension(key: str, velocity_mm_s: float, viscosity_mPa_s: float, membrane) -> None:
+    """Refuse a flow that would tear the membrane, a stiffness, whatever the time step."""
+    area_modulus = laws.area_modulus(
+        membrane.ks_uN_per_m, membrane.kal_uN_per_m, membrane.kag_uN_per_m
+    )
+    most = laws.LARGEST_TENSION * area_modulus / viscosity_mPa_s
+    if velocity_mm_s > most:
+        raise DldsimError(
+            f"{key}: at a mean velocity of {velocity_mm_s:.4g} mm/s the flow tears a membrane of "
+            f"k_s = {membrane.ks_uN_per_m:.4g} µN/m, and no time step carries that.",
+            key=key,
+            value=velocity_mm_s,
+            allowed=f"mean velocities up to {most:.3g} mm/s",
+            remedy="Lower it, or measure stiffer membranes.",
+        )
+
+
+def check_point(point: Point, config: Partial) -> None:
+    """Refuse an assay in which a cell and a membrane cannot be measured."""
+    assay = assays.assay_of(point.assay, config)
+    [membrane] = [m for m in assays.membranes_of(assay, config) if m.name == point.membrane]
+    cell = config.cell.model_copy(update={"shape": point.shape, "radius_um": point.radius_um})
+    viscosity = assay.viscosity_mPa_s or config.flow.viscosity_mPa_s
+    for passage in assays.passages_of(assay, cell.shape):
+        own = cell.model_copy(
+            update={"radius_um": cell.radius_um * passage.radius_factor, "axis": passage.axis}
+        )
+        if isinstance(assay, ConstrictionAssay):
+            check_channel(assay.channel, config.numerics, config.limits)
+            check_throat(assay.channel, own)
+            check_release(passage.release_position_um, assay.channel, own)
+        elif isinstance(assay, ChannelAssay):
+            check_fits(assay, own, passage.offset_um)
+            spacing = assay.spacing_um
+            _check_nodes("height_um", assay.height_um, spacing, "spacing_um", "raise the height")
+            _check_nodes("width_um", assay.width_um, spacing, "spacing_um", "widen the channel")
+            volume = assay.width_um * assay.height_um * assay.period_um
+            nodes = volume / spacing**3 / (1 + config.numerics.half_scene)
+            check_memory(nodes, config.numerics.precision, "spacing_um", spacing, config.limits)
+    key, velocity = "velocity_mm_s", membrane.velocity_mm_s
+    if isinstance(assay, ChannelAssay):
+        velocity = assay.mean_velocity_mm_s
+    elif isinstance(assay, ShearAssay):
+        key, velocity = "stress_Pa", assay.stress_Pa / viscosity * cell.radius_um
+    elif velocity is None:
+        velocity = assay.velocity_mm_s
+    if isinstance(assay, ConstrictionAssay):
+        velocity *= assay.channel.width_um / assay.channel.throat_width_um
+    check_tension(key, velocity, viscosity, membrane.stiffness)
+
+
+def check_points(points: Iterable[Point], config: Partial) -> None:
+    """Refuse assays in which a cell does not fit, or that no lattice or time step carries.
+
+    The error names the assay.
+    """
+    for point in points:
+        try:
+            check_point(point, config)
+        except DldsimError as error:
+            remedy = error.remedy
+            raise DldsimError(
+                f"assays.{point.assay}: {str(error).removesuffix(remedy).rstrip()}",
+                key=_key_of(point.assay, error.key, config),
+                value=error.value,
+                allowed=error.allowed,
+                remedy=remedy,
+            ) from None
+
+
+def _key_of(name: str, key: str, config: Partial) -> str:
+    """Where the setting of an assay stands: in the section of the source's slit, or its own."""
+    own = {**config.assay_study.assays, **config.assays}[name]
+    section = "assay_study.assays" if name not in config.assays else "assays"
+    if not key.startswith("constriction."):
+        return f"{section}.{name}.{key}"
+    if own.channel is None:
+        return key
+    return f"{section}.{name}.channel.{key.removeprefix('constriction.')}"
+
+
 def check_campaign(config: Config) -> None:
     """Refuse a configuration of which a run could not start."""
     check_sweep(config)
-    check_channel(config.constriction, config.numerics, config.limits)
-    check_throat(config.constriction, config.cell)
-    for position in config.constriction.release_positions_um:
-        check_release(position, config.constriction, config.cell)
+    check_points(
+        [*assays.points(config), *assays.library_points(config), *assays.study_points(config)],
+        config,
+    )
 
 
 def check_sweep(config: Config) -> None:

@@ -1,4 +1,4 @@
-"""Names of geometries, outcomes, runs and constriction runs: each formatter with its parser."""
+"""Names of geometries, outcomes, runs and points of a calibration: formatters and their parsers."""
 
 import re
 from typing import NamedTuple
@@ -117,19 +117,42 @@ def parse_run(text: str) -> tuple[str, float]:
     raise _no_identifier("a run", text, "r06.0_g18.0_n08_s3_y0.50")
 
 
-GROUP_VELOCITY, FIXED_VELOCITY = "group-velocity", "fixed-velocity"
-"""Designs of the calibration: each group at its own velocity (the source paper's), all at one."""
-CONSTRICTION_PATTERN = r"[A-Za-z0-9-]+_(?:fixed_)?\d+"
+POINT_PATTERN = r"[A-Za-z0-9-]+_(?:biconcave|sphere|ellipsoid)-\d+(?:\.\d+)?_[A-Za-z0-9.-]+"
 
 
-def constriction_id(group: str, position: int, design: str = GROUP_VELOCITY) -> str:
-    """Identifier such as G1_0, or G1_fixed_0 at fixed velocity; `position` counts the releases."""
-    return f"{group}_{'fixed_' if design == FIXED_VELOCITY else ''}{position}"
+class Point(NamedTuple):
+    """What a calibration has one index of: an assay, a cell at rest, the name of a membrane."""
+
+    assay: str
+    shape: str
+    radius_um: float
+    membrane: str
 
 
-def parse_constriction(text: str) -> tuple[str, int, str]:
-    """The inverse of `constriction_id`."""
-    if not re.fullmatch(CONSTRICTION_PATTERN, text):
-        raise _no_identifier("a constriction run", text, "G1_0")
-    group, *fixed, position = text.split("_")
-    return group, int(position), FIXED_VELOCITY if fixed else GROUP_VELOCITY
+def point_id(point: Point) -> str:
+    """Identifier such as gauge_biconcave-7.5_3.
+
+    Raises DldsimError for a radius of more than three decimals.
+    """
+    radius = f"{point.radius_um:.3f}".rstrip("0").rstrip(".")
+    text = f"{point.assay}_{point.shape}-{radius}_{point.membrane}"
+    if float(radius) != point.radius_um or not re.fullmatch(POINT_PATTERN, text):
+        raise DldsimError(
+            f"No identifier for a {point.shape} cell of radius_um = {point.radius_um!r} and "
+            f"membrane {point.membrane!r} in assay {point.assay!r}: a radius has at most three "
+            "decimals, a name letters, digits and hyphens.",
+            key="radius_um",
+            value=point.radius_um,
+            allowed="at most three decimals; names of letters, digits, hyphens",
+            remedy="Round it.",
+        )
+    return text
+
+
+def parse_point(text: str) -> Point:
+    """The inverse of `point_id`."""
+    if not re.fullmatch(POINT_PATTERN, text):
+        raise _no_identifier("an assay", text, "gauge_biconcave-7.5_3")
+    assay, cell, membrane = text.split("_")
+    shape, radius = cell.split("-")
+    return Point(assay, shape, float(radius), membrane)

@@ -12,7 +12,11 @@ def json_schema() -> dict:
         definition.pop("required", None)
     schema.pop("required", None)
     sections = {key: value for key, value in schema["properties"].items() if key != "preset"}
-    for key in ("stiffness_sets", "constriction_groups"):  # a preset takes one out with null
+    for key in (
+        "stiffness_sets",
+        "constriction_groups",
+        "assays",
+    ):  # a preset takes one out with null
         entry = {"anyOf": [*sections[key]["patternProperties"].values(), {"type": "null"}]}
         sections[key] = {"type": "object", "additionalProperties": entry}
     schema["properties"]["presets"] = {

@@ -273,12 +273,6 @@ class Constriction(Section):
         min_length=1,
         description="streamwise positions of release, from the first possible one",
     )
-    fixed_velocity_mm_s: float | None = Field(
-        None,
-        ge=1e-5,
-        le=1000,
-        description="mean velocity of a second design, all groups at it; null: none",
-    )
 
 
 class ConstrictionGroup(Section):

@@ -24,6 +24,8 @@ from dldsim.tables.parquet import describe, read_table, write_table
 CAMPAIGN_DATA = Path(__file__).parents[1] / "data" / "campaign"
 """Tables and surrogate of the campaign that comes with the package."""
 KEPT = ("outcomes", "runs", "calibration", "flows")
+LIBRARY = "calibration_library"
+"""Kind of the calibrations for other cells, of a campaign that has some."""
 
 
 def make_chip(settings: Mapping, flows: pd.DataFrame | None) -> Chip:
@@ -52,7 +54,8 @@ class Campaign(NamedTuple):
 
 
 def read_campaign(directory: Path, device: Device, safety_distance_um: float) -> Campaign:
-    """Outcomes, calibration and surrogate in a folder, and flows if they are there.
+    """Outcomes, calibration and surrogate in a folder; flows and calibrations for other cells if
+    they are there.
 
     Raises DldsimError if a file is missing, damaged or of another physics version, or if the
     surrogate was learnt from others than these outcomes.
@@ -62,9 +65,9 @@ def read_campaign(directory: Path, device: Device, safety_distance_um: float) ->
         kind: read_table(kind, directory / f"{kind}.parquet")
         for kind in ("outcomes", "calibration")
     }
-    flows = directory / "flows.parquet"
-    if flows.exists():
-        tables["flows"] = read_table("flows", flows)
+    for kind in ("flows", LIBRARY):
+        if (path := directory / f"{kind}.parquet").exists():
+            tables[kind] = read_table(kind, path)
     model = surrogate.load(directory / "surrogate.json", directory / "surrogate_card.json")
     check_model(model, tables["outcomes"], directory)
     about = describe(directory / "outcomes.parquet")["provenance"]["settings"]
@@ -256,8 +259,10 @@ def keep_campaign(results: Path, directory: Path = CAMPAIGN_DATA) -> None:
     Raises DldsimError like `read_campaign`, and without flows, from which pressures follow.
     """
     read_campaign(results, Device(), Sweep.model_fields["safety_distance_um"].default)
-    for kind in KEPT:
+    for kind in (*KEPT, LIBRARY):
         path = Path(results) / f"{kind}.parquet"
+        if kind == LIBRARY and not path.exists():
+            continue
         about = describe(path)["provenance"]
         write_table(kind, read_table(kind, path), Path(directory) / path.name, about)
     for name in ("surrogate.json", "surrogate_card.json"):

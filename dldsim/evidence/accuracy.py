@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import mean, stdev, variance
 from typing import Any, NamedTuple
 
+from dldsim.config.assay_sections import ConstrictionAssay
+from dldsim.config.assays import Membrane, settings_of_passages
 from dldsim.config.configuration import Config
 from dldsim.config.explain import check_value, validate
 from dldsim.config.feasibility import check_array, check_channel, check_release
@@ -56,7 +58,7 @@ def quantity_of(run: str) -> str:
 
 def kind_of(variant: Variant) -> str:
     """Kind of table that holds the variant's row."""
-    return "runs" if quantity_of(variant.run) == ANGLE else "constriction_runs"
+    return "runs" if quantity_of(variant.run) == ANGLE else "assay_runs"
 
 
 def starts(config: Config) -> list[float]:
@@ -158,12 +160,13 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
     [release] = check_value(Constriction, "release_positions_um", [release])
     check_channel(channel, numerics)
     check_release(release, channel, config.cell)
+    channel = channel.model_copy(update={"release_positions_um": [release]})
+    assay = ConstrictionAssay(kind="constriction", groups=True, channel=channel)
+    group = config.constriction_groups[variant.run]
+    membrane = Membrane(variant.run, group.stiffness, "", group.velocity_mm_s)
     return {
-        **plain,
-        "group": config.constriction_groups[variant.run].model_dump(mode="json"),
-        "release_position_um": release,
-        "cell": config.cell.model_dump(mode="json", exclude={"axis"}),
-        "flow": config.flow.model_dump(mode="json", include={"viscosity_mPa_s"}),
+        "numerics": plain["numerics"],
+        **settings_of_passages(assay, membrane, config.cell, config.flow),
     }
 
 

@@ -1,8 +1,8 @@
 """Validation cases: what the simulator computes beside what others have published or computed.
 
 A case is a function that yields :class:`Comparison` objects; the modules that hold them,
-``validation_fluid``, ``validation_membrane`` and ``validation_cell``, are imported when a case
-runs, so that rule files and commands can list the cases without numba.
+``validation_*``, are imported when a case runs, so that rule files and commands can list the cases
+without numba.
 """
 
 import difflib
@@ -138,6 +138,12 @@ CASES = {
         "cell",
         "validation_cell.rigid_transition",
         "D_c = 1.4 G ε^0.48, Davis 2008",
+    ),
+    "sphere-in-channel": Case(
+        "Stiff sphere on the axis of a square channel",
+        "cell",
+        "validation_assays.sphere_in_channel",
+        "Faxén 1922, Ann. Phys. 373:89; flow: exact Fourier series",
     ),
     "constriction-shape": Case(
         "Cell in a constriction, channel inferred",

@@ -459,8 +459,8 @@ def _positions(
     """Diameters of one cell at the four positions, ``nodes`` across the throat."""
     channel = channel.model_copy(update={"spacing_um": channel.throat_width_um / nodes})
     result = simulate_constriction(
-        name,
-        group,
+        group.stiffness,
+        group.velocity_mm_s,
         channel,
         INFERRED_CELL,
         Flow(),

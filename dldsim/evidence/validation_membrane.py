@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from dldsim import laws
 from dldsim.errors import DldsimError
 from dldsim.evidence.reference import read_reference, reference_path
 from dldsim.evidence.validation import Comparison
@@ -181,7 +182,7 @@ def _patch_moduli() -> Iterator[Comparison]:
 
 
 def _area_modulus(term: str) -> float:
-    return mb.area_modulus(*(float(term == name) for name in ("ks", "kal", "kag")))
+    return laws.area_modulus(*(float(term == name) for name in ("ks", "kal", "kag")))
 
 
 def flat_patch(cells: int) -> tuple[np.ndarray, Membrane]:

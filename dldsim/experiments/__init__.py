@@ -1,1 +1,1 @@
-"""What is done with a solver: array runs, constriction, shear, recording."""
+"""What is done with a solver: array runs, assays, recording."""

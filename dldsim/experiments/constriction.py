@@ -1,4 +1,4 @@
-"""Constriction channel in which the deformation index of a cell is measured.
+"""The slit in which the source measures the deformation index of a cell, as an assay.
 
 A straight channel between plates narrows to a slit throat and widens again, periodic along the
 flow. The flow is from left to right along x, the throat narrow along y, the picture taken along z.
@@ -10,18 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from dldsim.config.feasibility import check_channel, check_release
-from dldsim.config.limits import check_time
-from dldsim.config.sections import Cell, Constriction, ConstrictionGroup, Flow, Numerics
+from dldsim.config.sections import Cell, Constriction, Flow, Numerics, Stiffness
 from dldsim.errors import NoRoom
+from dldsim.experiments.outcome_files import Measured
+from dldsim.experiments.passage import box_index, measured, refined_step, sight
 from dldsim.experiments.recording import Record
 from dldsim.experiments.runner import Progress, Stop, advance_until, again_if_unstable
 from dldsim.laws import even_throat, viscosity
 from dldsim.solver.flow import Fluid, advance_to_steady
 from dldsim.solver.lattice import Lattice, make_lattice
-from dldsim.solver.observe import Sample, deformation_index
+from dldsim.solver.observe import Sample
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_loop import make_drive
-from dldsim.solver.time_step import bottleneck, margins, refined, refinement
 from dldsim.solver.units import Units
 from dldsim.vocabulary import STUCK
 
@@ -79,43 +79,69 @@ def make_channel(channel: Constriction, numerics: Numerics) -> Channel:
     return Channel(spacing, width, throat_width, height, (x[2], x[3]), np.stack([x, half]), lattice)
 
 
-@dataclass(frozen=True)
-class ConstrictionResult:
-    """``row``: one of `constriction_runs`; ``trajectory``: `constriction_trajectory` columns."""
+def scene_in(
+    channel: Channel,
+    fluid: Fluid,
+    flow: Flow,
+    cell: Cell,
+    stiffness: Stiffness,
+    numerics: Numerics,
+    mobility: float = 1.0,
+) -> CellInFlow:
+    """A cell in a channel whose mean velocity at the narrowest is the flow's.
 
-    row: dict
-    trajectory: dict
+    ``mobility``: mean velocity of the box per force density, see `steady_start`.
+    """
+    target = numerics.velocity_lu * channel.throat_width / channel.lattice.ny
+    return CellInFlow(
+        fluid,
+        Units.of(channel.spacing_um, flow, numerics),
+        cell,
+        stiffness,
+        numerics,
+        {
+            "plates": True,
+            "height": float(channel.height),
+            "channel": True,
+            "profile": channel.profile,
+            "centre": channel.centre,
+            "length": float(channel.length),
+        },
+        make_drive(channel.lattice, np.diag([mobility, np.inf]), (target, 0.0)),
+    )
 
 
 def simulate_constriction(
-    group_name: str,
-    group: ConstrictionGroup,
+    stiffness: Stiffness,
+    velocity_mm_s: float,
     channel: Constriction,
     cell: Cell,
     flow: Flow,
     numerics: Numerics,
     *,
     release_position_um: float,
+    offset_um: float = 0.0,
     run_id: str,
     progress: Progress = None,
-) -> ConstrictionResult:
+) -> Measured:
     """Carry one cell through the throat and measure its deformation index there.
 
-    The mean velocity of the wide channel is the group's; ``numerics.velocity_lu`` is that of the
-    throat, where it is largest. The cell starts on the axis in the straight approach, foremost with
-    its rim at the taper; ``release_position_um`` is counted backwards from there. A cell that clogs
-    or a run that leaves its stable range is a result with a status.
+    ``velocity_mm_s``: mean of the wide channel; ``numerics.velocity_lu`` is that of the throat,
+    where it is largest. The cell starts at mid-height in the straight approach, ``offset_um`` off
+    the axis, foremost with its rim at the taper; ``release_position_um`` is counted backwards from
+    there. A cell that clogs or a run that leaves its stable range is a result with a status.
     """
 
-    def attempt(shorter: float) -> ConstrictionResult:
+    def attempt(shorter: float) -> Measured:
         return _simulate(
-            group_name,
-            group,
+            stiffness,
+            velocity_mm_s,
             channel,
             cell,
             flow,
             numerics,
             release_position_um,
+            offset_um,
             run_id,
             progress,
             shorter,
@@ -125,58 +151,41 @@ def simulate_constriction(
 
 
 def _simulate(
-    group_name, group, channel, cell, flow, numerics, release_position_um, run_id, progress, shorter
-) -> ConstrictionResult:
+    stiffness,
+    velocity_mm_s,
+    channel,
+    cell,
+    flow,
+    numerics,
+    release_position_um,
+    offset_um,
+    run_id,
+    progress,
+    shorter,
+) -> Measured:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
     check_release(release_position_um, channel, cell)
-    scene_channel = make_channel(channel, numerics)
-    narrowing = scene_channel.width / scene_channel.throat_width
-    throat_velocity = group.velocity_mm_s * narrowing
+    laid = make_channel(channel, numerics)
+    narrowing = laid.width / laid.throat_width
     cell = cell.model_copy(update={"axis": channel.axis})
-    flow = flow.model_copy(update={"mean_velocity_mm_s": throat_velocity})
-    lattice, spacing = scene_channel.lattice, scene_channel.spacing_um
-    fluid = Fluid.of(lattice, numerics)
-    box_share = scene_channel.throat_width / lattice.ny
-
-    def make_scene(numerics: Numerics, mobility: float = 1.0) -> CellInFlow:
-        return CellInFlow(
-            fluid,
-            Units.of(spacing, flow, numerics),
-            cell,
-            group.stiffness,
-            numerics,
-            {
-                "plates": True,
-                "height": float(scene_channel.height),
-                "channel": True,
-                "profile": scene_channel.profile,
-                "centre": scene_channel.centre,
-                "length": float(scene_channel.length),
-            },
-            make_drive(
-                lattice, np.diag([mobility, np.inf]), (numerics.velocity_lu * box_share, 0.0)
-            ),
-        )
-
-    trial = make_scene(numerics)
-    trial.place(np.array([0.0, scene_channel.centre, scene_channel.height / 2]))
-    factor = refinement(margins(trial), numerics) * shorter
-    numerics = refined(numerics, factor)
-    shortened = ""
-    if factor > 1:
-        shortened = f"time step shortened by {factor:.3g}: {bottleneck(margins(trial))}"
-    if shortened and progress and shorter == 1:
-        progress(shortened)
-    begin, end = scene_channel.throat
-    limit = PATIENCE * (end - begin + narrowing * begin) / numerics.velocity_lu
-    if shorter == 1:
-        check_time(lattice.nodes, limit, shortened)
-    mobility = _steady_start(fluid, scene_channel, numerics.velocity_lu * box_share, progress)
-    scene = make_scene(numerics, mobility)
-    units = scene.units
-    first = scene_channel.profile[0, 1] - cell.radius_um / spacing
+    flow = flow.model_copy(update={"mean_velocity_mm_s": velocity_mm_s * narrowing})
+    fluid, spacing = Fluid.of(laid.lattice, numerics), laid.spacing_um
+    begin, end = laid.throat
+    travel = PATIENCE * (end - begin + narrowing * begin)
+    numerics = refined_step(
+        lambda given: scene_in(laid, fluid, flow, cell, stiffness, given),
+        np.array([0.0, laid.centre, laid.height / 2]),
+        numerics,
+        shorter,
+        travel,
+        progress,
+    )
+    limit = travel / numerics.velocity_lu
+    mobility = steady_start(fluid, laid, numerics.velocity_lu, progress)
+    scene = scene_in(laid, fluid, flow, cell, stiffness, numerics, mobility)
+    first = laid.profile[0, 1] - cell.radius_um / spacing
     release = first - release_position_um / spacing
-    scene.place([release, scene_channel.centre, scene_channel.height / 2])
+    scene.place([release, laid.centre + offset_um / spacing, laid.height / 2])
     if scene.sample().clearance < 0.5:
         raise NoRoom(
             f"The {cell.shape} of radius {cell.radius_um:g} µm does not fit the channel of "
@@ -186,14 +195,14 @@ def _simulate(
             allowed="less than the channel is wide and high",
             remedy="Lower cell.radius_um, or widen or raise the channel.",
         )
-    record = Record(
-        run_id, units, np.array([(begin + end) / 2, scene_channel.centre, scene_channel.height / 2])
-    )
+    middle, sights = (begin + end) / 2, []
+    record = Record(run_id, scene.units, np.array([middle, laid.centre, laid.height / 2]))
     chunk = 2 * max(1, round((end - begin) / numerics.velocity_lu / SAMPLES_PER_THROAT / 2))
     out = end + cell.radius_um / spacing
 
     def watch(sample: Sample) -> Stop | None:
         record.add(sample, None)
+        sights.append(sight(scene))
         if sample.step > limit:
             return Stop(STUCK, f"the cell has not passed the throat in {sample.step} steps")
         left = sample.centre[0] >= out
@@ -207,37 +216,23 @@ def _simulate(
     loop = time.perf_counter()
     stop = advance_until(scene, chunk, watch, progress=progress, where=where)
     wall = time.perf_counter() - loop
-    return ConstrictionResult(
-        {
-            "run_id": run_id,
-            "group": group_name,
-            "stiffness_set": group.stiffness_set or "",
-            **group.stiffness.model_dump(include={"ks_uN_per_m", "kb_pN_um", "kal_uN_per_m"}),
-            "velocity_mm_s": group.velocity_mm_s,
-            "design": "group-velocity",
-            "release_position_um": release_position_um,
-            "status": stop.status,
-            "stop_reason": stop.reason,
-            **_throat(record, begin, end, stop.status),
-            "steps": scene.steps,
-            "wall_time_s": wall,
-            "mlups": lattice.nodes * scene.steps / wall / 1e6,
-            "capillary_number": _group_capillary_number(units, group, narrowing),
-            "volume_drift_max": float(np.abs(record.column("volume_ratio") - 1).max()),
-            "area_drift_max": float(np.abs(record.column("area_ratio") - 1).max()),
-        },
-        _trajectory(record),
+    x = record.column("centre")[:, 0]
+    return measured(
+        scene,
+        record,
+        sights,
+        box_index,
+        wall,
+        stop,
+        lambda values: np.interp(middle, x, values),
+        capillary_number=scene.units.capillary_number(stiffness.ks_uN_per_m, velocity_mm_s),
     )
 
 
-def _group_capillary_number(units: Units, group: ConstrictionGroup, narrowing: float):
-    """Ca = μv/k_s with the group's velocity v, that of the wide channel."""
-    number = units.capillary_number(group.stiffness.ks_uN_per_m)
-    return None if number is None else number / narrowing
-
-
-def _steady_start(fluid: Fluid, channel: Channel, target: float, progress: Progress) -> float:
-    """Bring the fluid to the steady flow of the wanted mean velocity; returns mobility."""
+def steady_start(fluid: Fluid, channel: Channel, velocity: float, progress: Progress) -> float:
+    """Bring the fluid to the steady flow of the wanted mean ``velocity`` at the narrowest, lattice
+    units; returns the mean velocity of the box per force density."""
+    target = velocity * channel.throat_width / channel.lattice.ny
     scale = target * viscosity(fluid.relaxation_time) / channel.throat_width**2
     fluid.set_body_force((scale, 0.0, 0.0))
     inertia, fluid.inertia = fluid.inertia, False
@@ -248,30 +243,3 @@ def _steady_start(fluid: Fluid, channel: Channel, target: float, progress: Progr
     fluid.set_body_force((target / mobility, 0.0, 0.0))
     fluid.inertia = inertia
     return float(mobility)
-
-
-def _throat(record: Record, begin: float, end: float, status: str) -> dict:
-    """Deformation in the throat; null for a cell that did not pass it."""
-    names = ("deformation_index", "deformation_index_max", "throat_d_um", "throat_h_um")
-    x = record.column("centre")[:, 0]
-    if status != "converged":
-        return dict.fromkeys(names)
-    d, h, _ = record.extents_um().T
-    index, _, _ = deformation_index(d, h)
-    middle = (begin + end) / 2
-    throat_d, throat_h = np.interp(middle, x, d), np.interp(middle, x, h)
-    values = (deformation_index(throat_d, throat_h)[0], index.max(), throat_d, throat_h)
-    return dict(zip(names, map(float, values), strict=True))
-
-
-def _trajectory(record: Record) -> dict:
-    """Columns of `constriction_trajectory`; x from the middle of the throat."""
-    d, h, _ = record.extents_um().T
-    return {
-        **record.time_and_place(),
-        "diameter_d_um": d,
-        "diameter_h_um": h,
-        "deformation_index": deformation_index(d, h)[0],
-        "volume_ratio": record.column("volume_ratio"),
-        "area_ratio": record.column("area_ratio"),
-    }

@@ -9,6 +9,7 @@ from dldsim.config import identifiers
 from dldsim.config.provenance import provenance
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import describe, read_columns, read_rows, write_table
+from dldsim.tables.registry import schema
 
 Progress = Callable[[str], None]
 """Takes a sentence about what is going on."""
@@ -52,11 +53,22 @@ def write_run(result, row: Path, trajectory: Path, settings: Mapping) -> None:
     write_table("runs", [result.row], row, provenance(settings))
 
 
-def write_constriction(result, row: Path, trajectory: Path, settings: Mapping) -> None:
-    """Write the two tables of a ConstrictionResult."""
+class Measured(NamedTuple):
+    """One passage of an assay: row of `assay_runs`, columns of `assay_trajectory`."""
+
+    row: dict
+    trajectory: dict
+
+
+def write_assay_runs(
+    results: Iterable[Measured], rows: Path, trajectory: Path, settings: Mapping
+) -> None:
+    """Write the two tables of the passages of a point, its rows last."""
     about = provenance(settings)
-    write_table("constriction_trajectory", result.trajectory, trajectory, about)
-    write_table("constriction_runs", [result.row], row, about)
+    names = schema("assay_trajectory").names
+    path = {name: [v for r in results for v in r.trajectory[name]] for name in names}
+    write_table("assay_trajectory", path, trajectory, about)
+    write_table("assay_runs", [r.row for r in results], rows, about)
 
 
 def made_with(path: Path, digest: str) -> bool:

@@ -1,4 +1,4 @@
-"""Figures of the constriction runs: the deformation index and what it depends on.
+"""Figures of the source's slit: the deformation index and what it depends on.
 
 The panels of the source paper's analysis from our data. Where the message differs from the paper's,
 the caption in the report says how.
@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from dldsim.config.identifiers import FIXED_VELOCITY, GROUP_VELOCITY
+from dldsim.config.assay_sections import FIXED_VELOCITY, GROUP_VELOCITY
 from dldsim.report.style import GREY, dodged, key, legend, multiples, ordered, shades_of, styled
 
 PAPER_DEFORMATION_INDEX = {"G1": 0.50, "G2": 0.60, "G5": 0.777, "G6": 0.781, "G7": 0.784}
@@ -26,9 +26,9 @@ PAPER_VARIATION = {
     "G7": (0.05, 0.08),
 }
 """The source paper's coefficients of variation over release positions."""
-DESIGN_COLOUR = {GROUP_VELOCITY: "#0072B2", FIXED_VELOCITY: "#E69F00"}
-DESIGN_MARKER = {GROUP_VELOCITY: "o", FIXED_VELOCITY: "s"}
-DESIGN_NAME = {
+ASSAY_COLOUR = {GROUP_VELOCITY: "#0072B2", FIXED_VELOCITY: "#E69F00"}
+ASSAY_MARKER = {GROUP_VELOCITY: "o", FIXED_VELOCITY: "s"}
+ASSAY_NAME = {
     GROUP_VELOCITY: "velocity rises with stiffness",
     FIXED_VELOCITY: "one velocity for all",
 }
@@ -42,7 +42,7 @@ VARIABLE_LABEL = {
 
 
 def correlation_matrix(correlations: pd.DataFrame) -> pd.DataFrame:
-    """Square symmetric matrix of Pearson r with unit diagonal from the pairs of one design."""
+    """Square symmetric matrix of Pearson r with unit diagonal from the pairs of one assay."""
     names = list(dict.fromkeys([*correlations["variable_a"], *correlations["variable_b"]]))
     matrix = pd.DataFrame(np.nan, index=names, columns=names)
     for _, row in correlations.iterrows():
@@ -55,18 +55,18 @@ def correlation_matrix(correlations: pd.DataFrame) -> pd.DataFrame:
 
 @styled
 def draw_calibration(runs: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
-    """DI per group and design over release positions, and the coefficient of variation."""
+    """DI per group and assay over release positions, and the coefficient of variation."""
     figure = Figure(figsize=(9.2, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1))
     groups = ordered(calibration["group"])
-    designs = [d for d in DESIGN_COLOUR if (calibration["design"] == d).any()]
+    assays = [d for d in ASSAY_COLOUR if (calibration["assay"] == d).any()]
     seen = runs[runs["deformation_index"].notna()]
-    for index, design in enumerate(designs):
-        colour, marker = DESIGN_COLOUR[design], DESIGN_MARKER[design]
-        offset = dodged(index, len(designs), 0.36)
-        for _, row in calibration[calibration["design"] == design].iterrows():
+    for index, assay in enumerate(assays):
+        colour, marker = ASSAY_COLOUR[assay], ASSAY_MARKER[assay]
+        offset = dodged(index, len(assays), 0.36)
+        for _, row in calibration[calibration["assay"] == assay].iterrows():
             place = groups.index(row["group"]) + offset
-            part = seen[(seen["design"] == design) & (seen["group"] == row["group"])]
+            part = seen[(seen["assay"] == assay) & (seen["group"] == row["group"])]
             spread = np.array([dodged(i, len(part), 0.16) for i in range(len(part))])
             left.plot(
                 place + spread,
@@ -77,11 +77,10 @@ def draw_calibration(runs: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
                 markersize=3.5,
                 markeredgewidth=0,
             )
-            reach = row["deformation_index_high"] - row["deformation_index"]
             left.errorbar(
                 place + 0.13,
                 row["deformation_index"],
-                reach,
+                row["deformation_index_std"],
                 fmt="_",
                 color="black",
                 capsize=2.5,
@@ -111,9 +110,9 @@ def draw_calibration(runs: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
         panel.set_xlim(-0.6, len(groups) - 0.4)
     left.set(ylabel="deformation index DI")
     right.set(ylabel="coefficient of variation [%]", ylim=(0, 22))
-    handles = [key(DESIGN_COLOUR[d], DESIGN_MARKER[d], label=DESIGN_NAME[d]) for d in designs]
+    handles = [key(ASSAY_COLOUR[d], ASSAY_MARKER[d], label=ASSAY_NAME[d]) for d in assays]
     handles += [
-        key("black", "_", label="mean and 95 % interval"),
+        key("black", "_", label="mean and standard deviation"),
         key(GREY, "D", filled=False, label="source paper"),
         key("#E8E4D8", "s", label="source paper, range"),
     ]
@@ -123,16 +122,16 @@ def draw_calibration(runs: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
 
 @styled
 def draw_correlations(correlations: pd.DataFrame) -> Figure:
-    """Pearson matrix of each design; below DI's row the source paper's figures in brackets."""
-    designs = [d for d in DESIGN_COLOUR if (correlations["design"] == d).any()]
-    figure, panels = multiples(len(designs), 2, 9.2, 3.9)
-    for panel, design in zip(panels, designs, strict=True):
-        matrix = correlation_matrix(correlations[correlations["design"] == design])
+    """Pearson matrix of each assay; below DI's row the source paper's figures in brackets."""
+    assays = [d for d in ASSAY_COLOUR if (correlations["assay"] == d).any()]
+    figure, panels = multiples(len(assays), 2, 9.2, 3.9)
+    for panel, assay in zip(panels, assays, strict=True):
+        matrix = correlation_matrix(correlations[correlations["assay"] == assay])
         panel.imshow(np.nan_to_num(matrix.to_numpy()), cmap="PuOr_r", vmin=-1.35, vmax=1.35)
         for i, (name, row) in enumerate(matrix.iterrows()):
             for j, (other, value) in enumerate(row.items()):
                 text = "–" if np.isnan(value) else f"{value:.2f}".replace("-", "−")
-                seed = design == GROUP_VELOCITY and name == "deformation_index"
+                seed = assay == GROUP_VELOCITY and name == "deformation_index"
                 if seed and other in PAPER_CORRELATION:
                     text += f"\n({PAPER_CORRELATION[other]:.2f})"
                 panel.text(
@@ -150,7 +149,7 @@ def draw_correlations(correlations: pd.DataFrame) -> Figure:
         panel.grid(False)
         panel.spines[:].set_visible(False)
         panel.tick_params(length=0)
-        panel.set_title(DESIGN_NAME[design])
+        panel.set_title(ASSAY_NAME[assay])
     return figure
 
 
@@ -165,15 +164,15 @@ def draw_moduli(runs: pd.DataFrame) -> Figure:
         "velocity_mm_s": "velocity [mm/s]",
     }
     figure, panels = multiples(4, 4, 9.2, 2.7, sharey=True)
-    designs = [d for d in DESIGN_COLOUR if (seen["design"] == d).any()]
+    assays = [d for d in ASSAY_COLOUR if (seen["assay"] == d).any()]
     for panel, (name, label) in zip(panels, names.items(), strict=True):
-        for design in designs:
-            part = seen[seen["design"] == design]
+        for assay in assays:
+            part = seen[seen["assay"] == assay]
             panel.plot(
                 part[name],
                 part["deformation_index"],
-                DESIGN_MARKER[design],
-                color=DESIGN_COLOUR[design],
+                ASSAY_MARKER[assay],
+                color=ASSAY_COLOUR[assay],
                 markersize=4,
                 alpha=0.7,
                 markeredgewidth=0,
@@ -184,7 +183,7 @@ def draw_moduli(runs: pd.DataFrame) -> Figure:
             panel.xaxis.set_minor_formatter("")
         panel.set(xlabel=label)
     panels[0].set_ylabel("deformation index DI")
-    legend(figure, [key(DESIGN_COLOUR[d], DESIGN_MARKER[d], label=DESIGN_NAME[d]) for d in designs])
+    legend(figure, [key(ASSAY_COLOUR[d], ASSAY_MARKER[d], label=ASSAY_NAME[d]) for d in assays])
     return figure
 
 
@@ -192,7 +191,7 @@ def draw_moduli(runs: pd.DataFrame) -> Figure:
 def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
     """Diameters D (along the flow), H (across) and DI along the channel, coloured by group."""
     group_of = runs.set_index("run_id")["group"]
-    design_of = runs.set_index("run_id")["design"]
+    assay_of = runs.set_index("run_id")["assay"]
     colours = shades_of(group_of)
     names = {
         "diameter_d_um": "$D$ along flow [µm]",
@@ -203,7 +202,7 @@ def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
     panels = figure.subplots(3, 1, sharex=True)
     for panel, (name, label) in zip(panels, names.items(), strict=True):
         for run_id, track in tracks.groupby("run_id"):
-            line = "--" if design_of[run_id] == FIXED_VELOCITY else "-"
+            line = "--" if assay_of[run_id] == FIXED_VELOCITY else "-"
             panel.plot(
                 track["x_um"],
                 track[name],
@@ -216,7 +215,7 @@ def draw_diameters(tracks: pd.DataFrame, runs: pd.DataFrame) -> Figure:
         panel.set_ylim(bottom=0)
     panels[-1].set_xlabel("centre of mass along the channel $x$ [µm]")
     handles = [key(c, line="-", label=g) for g, c in colours.items()]
-    if (design_of == FIXED_VELOCITY).any():
-        handles.append(key(GREY, line="--", label=DESIGN_NAME[FIXED_VELOCITY]))
+    if (assay_of == FIXED_VELOCITY).any():
+        handles.append(key(GREY, line="--", label=ASSAY_NAME[FIXED_VELOCITY]))
     legend(figure, handles, ncols=8)
     return figure

@@ -45,10 +45,7 @@ SECTIONS = (
     Section("angles", "Migration angle", ("outcomes",), angles.contents),
     Section("modes", "Migration modes", ("outcomes",), modes.contents),
     Section(
-        "calibration",
-        "Calibration of the deformation index",
-        ("constriction_runs", "calibration"),
-        calibration.contents,
+        "calibration", "Assays and calibration", ("assay_runs", "calibration"), calibration.contents
     ),
     Section("anova", "Analysis of variance", ("anova",), anova.contents),
     Section("robustness", "Robustness map", ("robustness",), robustness.contents),

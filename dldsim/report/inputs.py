@@ -12,7 +12,16 @@ from dldsim.tables.parquet import describe, read_table
 
 CARD = ("surrogate_card.json", "surrogate")
 """The surrogate's card: file in the results folder, rule that makes it."""
-STUDIES = ("validation", "accuracy", "stability", "reference_check", "spot_check", "convergence")
+STUDIES = (
+    "validation",
+    "accuracy",
+    "stability",
+    "reference_check",
+    "spot_check",
+    "convergence",
+    "calibration_library",
+    "assay_study",
+)
 """Kinds that are made on request only: they say how far to trust a campaign."""
 TABLES = {
     kind: (registry.TABLES[kind].file, registry.TABLES[kind].rule)
@@ -31,7 +40,7 @@ BEFORE_OUTCOMES = (
     "runs",
     "trajectory",
     "flows",
-    "constriction_runs",
+    "assay_runs",
     "calibration",
     "calibration_correlations",
     *STUDIES,

@@ -187,15 +187,6 @@ def shear_modulus(ks: float) -> float:
     return sqrt(3) / 4 * ks
 
 
-def area_modulus(ks: float, kal: float, kag: float) -> float:
-    """K = √3/2 k_s + k_α/2 + k_ag/2 of a network of equilateral triangles.
-
-    Springs: Seung & Nelson, Phys. Rev. A 38 (1988) 1005. The area terms follow from their work
-    under uniform dilation (see `energies`); k_ag resists only changes of the total area.
-    """
-    return sqrt(3) / 2 * ks + kal / 2 + kag / 2
-
-
 def bending_modulus(kb: float) -> float:
     """κ = √3/2 k_b of a network of equilateral triangles bent to a cylinder.
 

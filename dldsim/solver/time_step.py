@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dldsim.config.sections import Numerics
+from dldsim.laws import LARGEST_TENSION, area_modulus
 from dldsim.solver.immersed_boundary import EVEN_ODD
-from dldsim.solver.membrane import area_modulus, elastic_forces
+from dldsim.solver.membrane import elastic_forces
 from dldsim.solver.scene import CellInFlow, largest_gain
 
 THRESHOLDS = {0.52: 0.26, 0.55: 0.39, 0.65: 0.8, 0.8: 1.44, 1.25: 2.0, 2.0: 1.78, 3.0: 1.34}
@@ -36,9 +37,6 @@ LARGEST_SPEED = 0.2
 
 STIFFEST_HINGE = 5.0
 """k_b over (k_s + k_α) edge²: hinges stiffer than that fold triangles up rather than bend."""
-LARGEST_TENSION = 0.1
-"""Viscous stress μU over area modulus K + k_ag/2: at 0.3 the flow tears cells to twice their area.
-"""
 
 
 class Margins(NamedTuple):

@@ -84,11 +84,13 @@ class Units:
         """Force [nN] to lattice units."""
         return nN * _NANO / (self._surface_modulus_si * self.spacing_um * _MICRO)
 
-    def capillary_number(self, ks_uN_per_m: float) -> float | None:
-        """Ca = μU/k_s with the mean velocity; None for a membrane without springs."""
+    def capillary_number(
+        self, ks_uN_per_m: float, velocity_mm_s: float | None = None
+    ) -> float | None:
+        """Ca = μU/k_s with the mean velocity or that given; None for a membrane without springs."""
         if ks_uN_per_m == 0:
             return None
-        stress = self.viscosity_mPa_s * _MILLI * self.velocity_mm_s * _MILLI
+        stress = self.viscosity_mPa_s * _MILLI * (velocity_mm_s or self.velocity_mm_s) * _MILLI
         return stress / (ks_uN_per_m * _MICRO)
 
     def reynolds_number(self, radius_um: float) -> float:

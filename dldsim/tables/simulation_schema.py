@@ -128,8 +128,8 @@ TABLES = {
         CAPILLARY._replace(nullable=True),
         CONFINEMENT,
         *optional(
-            real("deformation_index", "1", "of the stiffness set, mean of the constriction runs"),
-            real("deformation_index_std", "1", "scatter of the constriction runs"),
+            real("deformation_index", "1", "of the stiffness set in the default assay"),
+            real("deformation_index_std", "1", "its scatter"),
         ),
         text(
             "status",

@@ -53,7 +53,11 @@ def campaign(tmp_path_factory):
     calibration = pd.DataFrame(
         [
             {
-                "design": "group-velocity",
+                "assay": "group-velocity",
+                "default": True,
+                "kind": "constriction",
+                "cell_shape": "biconcave",
+                "cell_radius_um": 7.5,
                 "group": f"G{name}",
                 "stiffness_set": name,
                 "ks_uN_per_m": k,

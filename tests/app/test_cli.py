@@ -171,7 +171,7 @@ def test_bad_input_is_told_without_a_traceback(argv, parts, capsys, monkeypatch)
     [
         (["run", *ARRAY, "--set", "1"], "file", "experiments.array_run.simulate_run"),
         (["flow", *ARRAY], "folder", "solver.flow.solve_empty_array"),
-        (["constrict", "--set", "1"], "file/x", "experiments.constriction.simulate_constriction"),
+        (["constrict", "--set", "1"], "file/x", "experiments.assays.simulate_passage"),
         (["validate", "duct-poiseuille"], "folder", "evidence.validation.run_case"),
         (["validate", "duct-poiseuille"], "x" * 250, "evidence.validation.run_case"),
     ],
@@ -284,7 +284,7 @@ def test_anova_refuses_a_table_of_another_physics_version(capsys, tmp_path, monk
     assert code == 2 and f"made by physics version {PHYSICS_VERSION}" in message
 
 
-def test_constrict_answers_with_the_columns_of_constriction_runs(capsys, tmp_path):
+def test_constrict_answers_with_the_columns_of_assay_runs(capsys, tmp_path):
     code, summary, _ = call(
         capsys, "constrict", "--set", 1, "--radius-um", 6, *COARSE, "--out", tmp_path
     )
@@ -292,15 +292,15 @@ def test_constrict_answers_with_the_columns_of_constriction_runs(capsys, tmp_pat
     row, _ = summary.pop("files")
     settings = describe(row)["provenance"]["settings"]
     assert settings["CellShape"]["radius_um"] == 6.0 and settings["Constriction"]["axis"] == "z"
-    assert summary == read_rows("constriction_runs", row)[0]
+    assert summary == read_rows("assay_runs", row)[0]
 
 
 def test_stiffness_for_an_index_with_its_interval(capsys, tmp_path):
-    from dldsim.analysis.calibration import calibrate
-    from tests.analysis.test_calibration import constriction_runs
+    from dldsim.analysis.passages import calibrate
+    from tests.analysis.test_passages import assay_runs
 
     path = tmp_path / "calibration.parquet"
-    write_table("calibration", calibrate(constriction_runs()), path, {})
+    write_table("calibration", calibrate(assay_runs(), "gauge"), path, {})
     code, found, _ = call(capsys, "stiffness", "--di", 0.55, "--error", 0.01, "--calibration", path)
     assert code == 0 and found["ks_uN_per_m"] == pytest.approx(7.5)
     assert found["ks_uN_per_m_low"] < 7 < 8 < found["ks_uN_per_m_high"]
@@ -365,13 +365,7 @@ def test_indices_fail_alone_and_say_why(capsys, tmp_path):
 def test_info_describes_a_table(capsys, tmp_path):
     path = tmp_path / "table.parquet"
     rows = [
-        {
-            "design": "group-velocity",
-            "variable_a": "a",
-            "variable_b": "b",
-            "pearson_r": None,
-            "n": 2,
-        }
+        {"assay": "group-velocity", "variable_a": "a", "variable_b": "b", "pearson_r": None, "n": 2}
     ]
     write_table("calibration_correlations", rows, path, {"config_hash": "x", "seed": None})
     code, summary, _ = call(capsys, "info", path)

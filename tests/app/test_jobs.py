@@ -9,8 +9,10 @@ import pytest
 
 from dldsim.app import jobs
 from dldsim.config import campaign, identifiers
+from dldsim.config.assays import settings_of_point
 from dldsim.config.presets import read_config
 from dldsim.errors import DldsimError
+from dldsim.experiments import assays
 from dldsim.experiments.array_run import MIGRATION, RunResult, known_of, migration_of
 from dldsim.experiments.outcome_files import OutcomeFiles, Partial
 from dldsim.tables.parquet import read_rows, write_table
@@ -218,21 +220,34 @@ def test_a_row_of_runs_gives_its_migration_back():
     assert again.lateral_steps.tolist() == [7.5] * 4
 
 
-def test_crashed_constriction_becomes_a_row(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "dldsim.experiments.constriction.simulate_constriction", crash(DldsimError("too fast"))
-    )
-    settings = SETTINGS | {
-        "group": SETTINGS["constriction_groups"]["G1"],
-        "release_position_um": 3.0,
-    }
-    out = {"row": tmp_path / "r.parquet", "trajectory": tmp_path / "t.parquet"}
+POINT = "fixed-velocity_biconcave-7.5_G1"
+
+
+def point_settings():
+    slit = CONFIG.constriction.model_copy(update={"release_positions_um": [0.0, 3.0]})
+    config = CONFIG.model_copy(update={"constriction": slit})
+    return settings_of_point(identifiers.parse_point(POINT), config)
+
+
+def test_a_crashed_passage_becomes_a_row_and_the_others_count(tmp_path, monkeypatch):
+    def simulate(name, assay, membrane, cell, flow, numerics, passage, *, run_id, progress):
+        if passage.release_position_um:
+            raise DldsimError("too fast")
+        known = assays.known_of(name, assay, membrane, cell, 1.5, passage, run_id)
+        blank = {c.name: None for c in COLUMNS["assay_runs"] if c.nullable}
+        row = {**blank, **known, "status": "converged", "stop_reason": "", "deformation_index": 0.6}
+        return jobs.Measured(row, {c.name: [] for c in COLUMNS["assay_trajectory"]})
+
+    monkeypatch.setattr("dldsim.experiments.assays.simulate_passage", simulate)
+    out = {"rows": tmp_path / "r.parquet", "trajectory": tmp_path / "t.parquet"}
     said = []
-    jobs.constriction_job("G1_1", settings, **out, crashes=tmp_path, progress=said.append)
-    [row] = read_rows("constriction_runs", out["row"])
-    assert (row["status"], row["stop_reason"]) == ("failed", "too fast")
-    assert (row["group"], row["stiffness_set"], row["release_position_um"]) == ("G1", "1", 3.0)
-    assert said == ["too fast"]
+    jobs.assay_job(POINT, point_settings(), **out, crashes=tmp_path, progress=said.append)
+    first, second = read_rows("assay_runs", out["rows"])
+    assert (first["status"], first["deformation_index"]) == ("converged", 0.6)
+    assert (second["status"], second["stop_reason"]) == ("failed", "too fast")
+    assert (second["group"], second["stiffness_set"], second["velocity_mm_s"]) == ("G1", "", 2.0)
+    assert (second["run_id"], second["varied"]) == (f"{POINT}_1", "release")
+    assert said == ["too fast"] and campaign.count_crashes(tmp_path, POINT) == 1
 
 
 @pytest.mark.parametrize(
@@ -241,16 +256,15 @@ def test_crashed_constriction_becomes_a_row(tmp_path, monkeypatch):
 def test_a_bug_stops(error, files, monkeypatch, tmp_path):
     """It is no row that the analyses go on without; likewise in the other jobs."""
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(error))
-    monkeypatch.setattr("dldsim.experiments.constriction.simulate_constriction", crash(error))
+    monkeypatch.setattr("dldsim.experiments.assays.simulate_passage", crash(error))
     monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", crash(error))
-    group = {"group": SETTINGS["constriction_groups"]["G1"], "release_position_um": 3.0}
     with pytest.raises(type(error)):
         jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
     with pytest.raises(type(error)):
-        jobs.constriction_job(
-            "G1_1",
-            SETTINGS | group,
-            row=files["row"],
+        jobs.assay_job(
+            POINT,
+            point_settings(),
+            rows=files["row"],
             progress=print,
             trajectory=tmp_path / "t.parquet",
             crashes=files["crashes"],

@@ -28,14 +28,6 @@ def test_paper_ties_gap_to_radius():
     assert len(campaign.geometries(config)) == 36
 
 
-def test_constrictions_count_groups_and_positions():
-    channel = {"release_positions_um": [0, 5], "fixed_velocity_mm_s": 2.0}
-    config = read_config(CONFIG, {"constriction": channel})
-    assert len(campaign.constrictions(config)) == len(set(campaign.constrictions(config))) == 28
-    alone = read_config(CONFIG, {"constriction": channel | {"fixed_velocity_mm_s": None}})
-    assert len(campaign.constrictions(alone)) == 14
-
-
 def test_children_import_from_the_folder_of_the_workflow(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", "/a:/b")
     for _ in range(2):

@@ -38,6 +38,10 @@ def test_smallest_passable_tube():
         check_passable(geometry, Cell(), height_um=4)
 
 
+CHANNEL = {"kind": "channel", "velocity_mm_s": 1.0}
+SLIT = {"kind": "constriction", "velocity_mm_s": 1.0}
+
+
 @pytest.mark.parametrize(
     ("overrides", "key"),
     [
@@ -50,6 +54,13 @@ def test_smallest_passable_tube():
         ({"constriction": {"spacing_um": 8}}, "constriction.height_um"),
         ({"constriction": {"spacing_um": 0.02}}, "constriction.spacing_um"),
         ({"constriction": {"release_positions_um": [0, 12]}}, "constriction.release_positions_um"),
+        ({"assays": {"c": {**CHANNEL, "width_um": 15}}}, "assays.c.width_um"),
+        ({"assays": {"c": {**CHANNEL, "offsets_um": [3]}}}, "assays.c.width_um"),
+        ({"assays": {"c": {**CHANNEL, "height_um": 15}}}, "assays.c.height_um"),
+        ({"assays": {"c": {**CHANNEL, "spacing_um": 0.02}}}, "assays.c.spacing_um"),
+        ({"assays": {"c": {**CHANNEL, "velocity_mm_s": 100}}}, "assays.c.velocity_mm_s"),
+        ({"assays": {"gauge": {"stress_Pa": 1000}}}, "assays.gauge.stress_Pa"),
+        ({"assays": {"c": SLIT | {"channel": {"height_um": 3}}}}, "assays.c.channel.height_um"),
     ],
 )
 def test_what_no_lattice_can_carry_is_refused(overrides, key):

@@ -25,15 +25,29 @@ def test_ids_are_their_own_inverse(geometry, name, place):
     assert identifiers.parse_geometry(identifiers.geometry_id(geometry)) == geometry
 
 
-@given(names, st.integers(0, 99), st.sampled_from(["group-velocity", "fixed-velocity"]))
-def test_constriction_id_is_its_own_inverse(group, position, design):
-    text = identifiers.constriction_id(group, position, design)
-    assert identifiers.parse_constriction(text) == (group, position, design)
+@given(
+    names,
+    st.sampled_from(["biconcave", "sphere", "ellipsoid"]),
+    st.integers(100, 100_000).map(lambda n: n / 1000),
+    names,
+)
+def test_point_id_is_its_own_inverse(assay, shape, radius, membrane):
+    point = identifiers.Point(assay, shape, radius, membrane)
+    assert identifiers.parse_point(identifiers.point_id(point)) == point
+
+
+@pytest.mark.parametrize("radius", [7.50001, 1 / 3])
+def test_no_point_of_more_decimals_than_an_id_carries(radius):
+    with pytest.raises(DldsimError, match="three decimals"):
+        identifiers.point_id(identifiers.Point("gauge", "sphere", radius, "1"))
 
 
 def test_ids_look_as_documented():
     pair = identifiers.Pair(Geometry(pillar_radius_um=6, gap_um=18, periodicity=8), "3")
     assert identifiers.outcome_id(pair) == "r06.0_g18.0_n08_s3"
+    assert (
+        identifiers.point_id(identifiers.Point("gauge", "sphere", 7.5, "3")) == "gauge_sphere-7.5_3"
+    )
     assert identifiers.run_id("r06.0_g18.0_n08_s3", 0.5) == "r06.0_g18.0_n08_s3_y0.50"
     assert identifiers.run_id("r06.0_g18.0_n08_s3", 0.125) == "r06.0_g18.0_n08_s3_y0.125"
 

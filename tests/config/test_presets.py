@@ -72,12 +72,7 @@ def test_what_is_no_preset_or_no_key_is_refused(raw, overrides, key, parts):
 def test_a_null_takes_out_what_is_there():
     taken = resolve(RAW, {"constriction_groups": {"G3": None}, "flow": {"height_um": None}})
     assert "G3" not in taken.constriction_groups and taken.flow.height_um == 20
-    assert (
-        resolve(
-            RAW, {"constriction": {"fixed_velocity_mm_s": None}}
-        ).constriction.fixed_velocity_mm_s
-        is None
-    )
+    assert "fixed-velocity" not in resolve(RAW, {"assays": {"fixed-velocity": None}}).assays
 
 
 def test_one_section_is_enough_for_single_commands(tmp_path):
@@ -87,7 +82,7 @@ def test_one_section_is_enough_for_single_commands(tmp_path):
     assert (found.flow.height_um, found.sweep, found.stiffness_sets) == (12, None, {})
     with pytest.raises(DldsimError) as caught:
         read_config(path)
-    assert set(caught.value.keys) == {"sweep", "stiffness_sets", "constriction_groups"}
+    assert set(caught.value.keys) == {"sweep", "stiffness_sets", "assays"}
     path.write_text("flow: {heigth_um: 12}\n")
     with pytest.raises(DldsimError, match="Did you mean height_um"):
         read_partial(path)

@@ -300,7 +300,7 @@ SETS = {
 CALIBRATION = pd.DataFrame(
     [
         {
-            "design": "group-velocity",
+            "assay": "group-velocity",
             "group": g,
             "stiffness_set": s,
             "ks_uN_per_m": k,

@@ -125,9 +125,12 @@ def test_a_variant_changes_what_it_names(config):
     whole = of(ONE, REFERENCE)["numerics"]
     assert (whole["spacing_um"], whole["rows"]) == (0.5, 2)
     channel = of("G1", "release_position_um", 0)
-    assert channel["release_position_um"] == 3.0
+    assert channel["assay"]["channel"]["release_positions_um"] == [3.0]
+    assert channel["membrane"]["velocity_mm_s"] == config.constriction_groups["G1"].velocity_mm_s
     fine = of("G1", REFERENCE)
-    assert fine["constriction"]["spacing_um"] == 0.8 and fine["numerics"]["velocity_lu"] == 0.005
+    assert (
+        fine["assay"]["channel"]["spacing_um"] == 0.8 and fine["numerics"]["velocity_lu"] == 0.005
+    )
     assert fine["numerics"]["spacing_um"] == default["numerics"]["spacing_um"]
 
 

@@ -12,7 +12,6 @@ from dldsim import PHYSICS_VERSION
 from dldsim.config.sections import (
     Cell,
     Constriction,
-    ConstrictionGroup,
     Flow,
     Geometry,
     Numerics,
@@ -71,10 +70,9 @@ def array_path(name: str, *, stiffness: Stiffness = SET_3, rows: int = ROWS, **n
 
 def passage(name: str = "constriction") -> list:
     """Deformation index and the last place [µm] of a cell that passes a throat."""
-    group = ConstrictionGroup(velocity_mm_s=1.0, stiffness_set="3", stiffness=SET_3)
     result = simulate_constriction(
-        name,
-        group,
+        SET_3,
+        1.0,
         CHANNEL,
         Cell(radius_um=4.5),
         Flow(),

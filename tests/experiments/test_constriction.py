@@ -3,25 +3,19 @@
 import numpy as np
 import pytest
 
-from dldsim.config.sections import Cell, Constriction, ConstrictionGroup, Flow, Numerics, Stiffness
+from dldsim.config.sections import Cell, Constriction, Flow, Numerics, Stiffness
 from dldsim.errors import DldsimError
 from dldsim.experiments import constriction
 from dldsim.experiments.constriction import make_channel, simulate_constriction
 from dldsim.solver.flow import Fluid
-from dldsim.tables.parquet import write_table
-from dldsim.tables.registry import COLUMNS
 
-GROUP = ConstrictionGroup(
-    velocity_mm_s=1.0,
-    stiffness_set="1",
-    stiffness=Stiffness(
-        ks_uN_per_m=5.1,
-        kb_pN_um=0.043,
-        kal_uN_per_m=10.2,
-        kag_uN_per_m=500,
-        kv_Pa=900,
-        kvisc_nN_s_per_m=1.5,
-    ),
+SOFT = Stiffness(
+    ks_uN_per_m=5.1,
+    kb_pN_um=0.043,
+    kal_uN_per_m=10.2,
+    kag_uN_per_m=500,
+    kv_Pa=900,
+    kvisc_nN_s_per_m=1.5,
 )
 CHANNEL = Constriction(
     spacing_um=1.0,
@@ -36,9 +30,13 @@ CELL = Cell(radius_um=5.0)
 NUMERICS = Numerics(velocity_lu=0.03)
 
 
-def pass_throat(channel=CHANNEL, cell=CELL, numerics=NUMERICS, group=GROUP, **options):
-    options = {"release_position_um": 1.0, "run_id": "G1_0", **options}
-    return simulate_constriction("G1", group, channel, cell, Flow(), numerics, **options)
+def pass_throat(channel=CHANNEL, cell=CELL, numerics=NUMERICS, stiffness=SOFT, **options):
+    options = {"release_position_um": 1.0, "run_id": "a", **options}
+    return simulate_constriction(stiffness, 1.0, channel, cell, Flow(), numerics, **options)
+
+
+def times(factor, *names):
+    return SOFT.model_copy(update={n: getattr(SOFT, n) * factor for n in names})
 
 
 @pytest.fixture(scope="module")
@@ -48,19 +46,12 @@ def result():
 
 
 def test_a_passage_that_takes_too_long_is_refused_before_it_starts(monkeypatch):
-    monkeypatch.setattr(constriction, "_steady_start", None)
+    monkeypatch.setattr(constriction, "steady_start", None)
     thin = Flow(viscosity_mPa_s=0.01)
-    stiff = GROUP.stiffness.model_copy(update={"ks_uN_per_m": 1e6})
+    stiff = SOFT.model_copy(update={"ks_uN_per_m": 1e6})
     with pytest.raises(DldsimError, match="time step shortened by .* too stiff") as caught:
         simulate_constriction(
-            "G1",
-            GROUP.model_copy(update={"stiffness": stiff}),
-            CHANNEL,
-            CELL,
-            thin,
-            NUMERICS,
-            release_position_um=1.0,
-            run_id="G1_0",
+            stiff, 1.0, CHANNEL, CELL, thin, NUMERICS, release_position_um=1.0, run_id="a"
         )
     assert caught.value.key == "limits.run_hours"
 
@@ -90,8 +81,7 @@ def test_flux_is_that_of_the_throat_velocity():
     numerics = NUMERICS.model_copy(update={"precision": "float64"})
     channel = make_channel(CHANNEL, numerics)
     fluid = Fluid.of(channel.lattice, numerics)
-    target = 0.03 * channel.throat_width / channel.lattice.ny
-    constriction._steady_start(fluid, channel, target, None)
+    constriction.steady_start(fluid, channel, 0.03, None)
     fluid.advance(2)
     u = np.zeros((channel.length, channel.lattice.ny))
     u[channel.lattice.column >= 0] = fluid.velocity_field()[0].mean(axis=-1)
@@ -105,14 +95,18 @@ def test_the_cell_passes_and_lengthens_in_the_throat(result):
     assert row["status"] == "converged" and "left the throat" in row["stop_reason"]
     # From a disc of 10 µm seen face on, DI 0, through a throat of 8 µm with room at the sides.
     assert 0.05 < row["deformation_index"] <= row["deformation_index_max"] < 1
-    assert 5 < row["throat_h_um"] < 8
-    assert 10 < row["throat_d_um"] < 20
-    d, h = row["throat_d_um"], row["throat_h_um"]
+    assert 5 < row["diameter_h_um"] < 8
+    assert 10 < row["diameter_d_um"] < 20
+    d, h = row["diameter_d_um"], row["diameter_h_um"]
     assert row["deformation_index"] == pytest.approx((d - h) / (d + h))
     assert row["volume_drift_max"] < 0.05
     assert row["area_drift_max"] < 0.1
     # Ca = μv/k_s with the velocity of the wide channel: 1.5e-3 · 1e-3/5.1e-6.
     assert row["capillary_number"] == pytest.approx(1.5 / 5.1)
+    # A wedge is less round than a rod of its extents: P = 2 (d − h) + π h, A = (d − h) h + π h²/4.
+    length = d - h
+    rod = 2 * (np.pi * (length * h + np.pi * h * h / 4)) ** 0.5 / (2 * length + np.pi * h)
+    assert 1 - rod < row["circularity_index"] < 2 * (1 - rod)
 
 
 def test_path_of_the_cell(result):
@@ -137,21 +131,19 @@ def test_path_of_the_cell(result):
     assert 2.0 < speed < 4.2
 
 
-def test_row_and_trajectory_fill_their_tables(result, tmp_path):
-    assert set(result.row) == {c.name for c in COLUMNS["constriction_runs"]}
-    assert set(result.trajectory) == {c.name for c in COLUMNS["constriction_trajectory"]}
-    write_table("constriction_runs", [result.row], tmp_path / "run.parquet", {})
-    write_table("constriction_trajectory", result.trajectory, tmp_path / "path.parquet", {})
-
-
 def test_a_softer_cell_deforms_more(result):
-    stiff = {
-        n: getattr(GROUP.stiffness, n) * 3 for n in ("ks_uN_per_m", "kb_pN_um", "kal_uN_per_m")
-    }
-    group = GROUP.model_copy(update={"stiffness": GROUP.stiffness.model_copy(update=stiff)})
-    other = pass_throat(group=group).row
+    other = pass_throat(stiffness=times(3, "ks_uN_per_m", "kb_pN_um", "kal_uN_per_m")).row
     assert other["status"] == "converged"
     assert other["deformation_index"] < result.row["deformation_index"]
+
+
+def test_a_cell_off_the_axis_begins_there_and_is_led_in(result):
+    aside = pass_throat(offset_um=1.5)
+    y = aside.trajectory["y_um"]
+    assert y[0] == pytest.approx(1.5, abs=0.05) and abs(y[-1]) < 1.0
+    assert aside.row["deformation_index"] == pytest.approx(
+        result.row["deformation_index"], abs=0.05
+    )
 
 
 def test_a_cell_that_does_not_pass_is_stuck(monkeypatch):
@@ -159,19 +151,16 @@ def test_a_cell_that_does_not_pass_is_stuck(monkeypatch):
     result = pass_throat()
     row = result.row
     assert row["status"] == "stuck" and "not passed the throat" in row["stop_reason"]
-    assert row["deformation_index"] is row["throat_d_um"] is row["throat_h_um"] is None
+    assert row["deformation_index"] is row["diameter_d_um"] is row["diameter_h_um"] is None
     assert all(np.isfinite(v).all() for k, v in result.trajectory.items() if k != "run_id")
 
 
-def test_an_unstable_passage_has_no_deformation_index(tmp_path):
-    stiff = {n: getattr(GROUP.stiffness, n) * 1e4 for n in ("ks_uN_per_m", "kal_uN_per_m")}
-    group = GROUP.model_copy(update={"stiffness": GROUP.stiffness.model_copy(update=stiff)})
+def test_an_unstable_passage_has_no_deformation_index():
     numerics = NUMERICS.model_copy(update={"time_step": "as-given"})
-    result = pass_throat(group=group, numerics=numerics)
-    assert result.row["status"] == "unstable" and "cures" in result.row["stop_reason"]
-    assert result.row["deformation_index"] is None
-    write_table("constriction_runs", [result.row], tmp_path / "run.parquet", {})
-    write_table("constriction_trajectory", result.trajectory, tmp_path / "path.parquet", {})
+    stiff = times(1e4, "ks_uN_per_m", "kal_uN_per_m")
+    row = pass_throat(stiffness=stiff, numerics=numerics).row
+    assert row["status"] == "unstable" and "cures" in row["stop_reason"]
+    assert row["deformation_index"] is row["circularity_index"] is None
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from markupsafe import Markup
 
 import dldsim
-from dldsim.analysis.calibration import calibrate, correlations
+from dldsim.analysis.passages import calibrate, correlations
 from dldsim.analysis.regressors import SURROGATE
 from dldsim.analysis.uncertainty import SIGMA
 from dldsim.config.sections import Numerics
@@ -254,15 +254,20 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
             ks, kb, kal = moduli[group]
             index = 0.5 + 0.04 * i + 0.02 * j
             lost = (group, j) == ("G4", 2)
-            row = dict.fromkeys((c.name for c in COLUMNS["constriction_runs"]), 0.1) | {
-                "run_id": f"{group}_{j}",
+            row = dict.fromkeys((c.name for c in COLUMNS["assay_runs"]), 0.1) | {
+                "run_id": f"group-velocity_{group}_{j}",
+                "assay": "group-velocity",
+                "kind": "constriction",
+                "cell_shape": "biconcave",
+                "cell_radius_um": 7.5,
+                "varied": "release" if j else "nothing",
+                "axis": "z",
                 "group": group,
                 "stiffness_set": set_of.get(group, ""),
                 "ks_uN_per_m": ks,
                 "kb_pN_um": kb,
                 "kal_uN_per_m": kal,
                 "velocity_mm_s": 1.095 + 0.33 * i,
-                "design": "group-velocity",
                 "release_position_um": 3.0 * j,
                 "status": "stuck" if lost else "passed",
                 "stop_reason": "clogged the throat" if lost else "left the channel",
@@ -274,7 +279,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
             squeeze = index * np.exp(-(((x - 60) / 18) ** 4))
             paths.append(
                 pd.DataFrame(
-                    {c.name: np.ones(120) for c in COLUMNS["constriction_trajectory"]}
+                    {c.name: np.ones(120) for c in COLUMNS["assay_trajectory"]}
                     | {
                         "run_id": [row["run_id"]] * 120,
                         "step": np.arange(120),
@@ -285,17 +290,19 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
                     }
                 )
             )
-    tables["constriction_runs"] = pd.DataFrame(constriction)
-    fixed = tables["constriction_runs"].assign(
-        design="fixed-velocity",
+    own = pd.DataFrame(constriction)
+    fixed = own.assign(
+        assay="fixed-velocity",
         stiffness_set="",
         velocity_mm_s=2.0,
-        run_id=lambda t: t["run_id"].str.replace("_", "_fixed_"),
+        run_id=lambda t: t["run_id"].str.replace("group", "fixed"),
         deformation_index=lambda t: 1.2 - t["deformation_index"],
     )
-    tables["constriction_runs"] = pd.concat([tables["constriction_runs"], fixed])
-    tables["calibration"] = calibrate(tables["constriction_runs"])
-    tables["calibration_correlations"] = correlations(tables["constriction_runs"])
+    passages = pd.concat([own, fixed])
+    tables["assay_runs"] = passages
+    tables["calibration"] = calibrate(passages, "group-velocity")
+    tables |= dict.fromkeys(("assay_study", "calibration_library"), tables["calibration"])
+    tables["calibration_correlations"] = correlations(passages)
     factors = ["pillar_radius_um", "gap_um", "periodicity", "deformation_index"]
     terms = [*factors, *(f"deformation_index:{name}" for name in factors[:3])]
     tables["anova"] = pd.DataFrame(
@@ -499,7 +506,7 @@ def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodiciti
             write_csv(kind, path)
     for track in paths:
         name = f"{track['run_id'].iloc[0]}.trajectory.parquet"
-        write_table("constriction_trajectory", track, folder / "constriction" / name, PROVENANCE)
+        write_table("assay_trajectory", track, folder / "assays" / name, PROVENANCE)
     return tables
 
 
@@ -808,7 +815,7 @@ def test_every_link_leads_somewhere(campaign):
 def test_each_figure_is_saved_as_png_and_svg(campaign):
     _, page = campaign
     names = re.findall(r'<figure id="figure-(\w+)"', page.raw)
-    assert len(names) == len(set(names)) == 43
+    assert len(names) == len(set(names)) == 46
     for name in names:
         assert (page.path.parent / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
         assert b"<svg" in (page.path.parent / "figures" / f"{name}.svg").read_bytes()

@@ -8,7 +8,6 @@ import pytest
 from dldsim.config.sections import (
     Cell,
     Constriction,
-    ConstrictionGroup,
     Flow,
     Geometry,
     Numerics,
@@ -409,11 +408,10 @@ def test_a_constriction_is_passed_alike():
         approach_length_um=12,
         height_um=10,
     )
-    group = ConstrictionGroup(velocity_mm_s=1.0, stiffness=SET_1)
     ours, theirs = (
         simulate_constriction(
-            "G1",
-            group,
+            SET_1,
+            1.0,
             channel,
             Cell(radius_um=5.0),
             Flow(),
@@ -424,5 +422,5 @@ def test_a_constriction_is_passed_alike():
         for numerics in BOTH.values()
     )
     assert ours.row["status"] == theirs.row["status"] == "converged"
-    for name in ("deformation_index", "throat_d_um", "throat_h_um", "volume_drift_max"):
+    for name in ("deformation_index", "diameter_d_um", "diameter_h_um", "volume_drift_max"):
         assert ours.row[name] == pytest.approx(theirs.row[name], rel=1e-7), name

@@ -40,7 +40,7 @@ def rows_of(kind):
 
 
 def example(kind="calibration_correlations", **changes):
-    row = {"design": "a", "variable_a": "ks", "variable_b": "kal", "pearson_r": 0.5, "n": 4}
+    row = {"assay": "a", "variable_a": "ks", "variable_b": "kal", "pearson_r": 0.5, "n": 4}
     return [row | changes] if kind == "calibration_correlations" else []
 
 
@@ -80,7 +80,7 @@ def test_dict_list_and_frame_give_the_same(path):
 
 def test_numpy_columns_are_taken(path):
     data = {
-        "design": ["x", "x"],
+        "assay": ["x", "x"],
         "variable_a": np.array(["a", "b"]),
         "variable_b": ["c", "d"],
         "pearson_r": np.array([0.1, 0.2], np.float32),
@@ -100,7 +100,7 @@ def test_numpy_columns_are_taken(path):
         (example(n=1.5), ["column n", "int64"]),
         (example(pearson_r="high"), ["pearson_r", "double"]),
         (example(extra=1), ["unknown extra"]),
-        ([{"variable_a": "x"}], ["missing design, variable_b, pearson_r, n"]),
+        ([{"variable_a": "x"}], ["missing assay, variable_b, pearson_r, n"]),
         (
             {key: [value] for key, value in example()[0].items()} | {"variable_a": ["a", "b"]},
             ["unequal"],
@@ -190,7 +190,7 @@ def test_description_tells_units_and_origin(path):
     assert about["provenance"]["seed"] == 7
     assert about["provenance"]["physics_version"] == PHYSICS_VERSION
     assert [c["name"] for c in about["columns"]] == [
-        "design",
+        "assay",
         "variable_a",
         "variable_b",
         "pearson_r",

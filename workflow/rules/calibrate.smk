@@ -1,59 +1,57 @@
-# Constriction run per stiffness group and release position, and the calibration from them.
+# Passages through assays, a job for each assay, cell and membrane, and the calibrations from them.
 
 
-rule constrict:
+rule assay_point:
     output:
-        row=ensure(f"{RESULTS}/constriction/{{constriction}}.run.parquet", non_empty=True),
-        trajectory=ensure(
-            f"{RESULTS}/constriction/{{constriction}}.trajectory.parquet", non_empty=True
-        ),
+        rows=ensure(f"{RESULTS}/assays/{{point}}.runs.parquet", non_empty=True),
+        trajectory=ensure(f"{RESULTS}/assays/{{point}}.trajectory.parquet", non_empty=True),
     params:
-        settings=constriction_settings,
+        settings=point_settings,
         crashes=crash_count,
         crash_directory=CRASHES,
     log:
-        f"{RESULTS}/logs/constrict/{{constriction}}.log",
+        f"{RESULTS}/logs/assay_point/{{point}}.log",
     benchmark:
-        f"{RESULTS}/benchmarks/constrict/{{constriction}}.tsv"
+        f"{RESULTS}/benchmarks/assay_point/{{point}}.tsv"
     conda:
         "../envs/dldsim.yaml"
     message:
-        "constriction run {wildcards.constriction}"
+        "passages of {wildcards.point}"
     script:
-        "../scripts/constrict.py"
+        "../scripts/assay_point.py"
 
 
-rule constriction_runs:
+rule assays:
     input:
-        expand(f"{RESULTS}/constriction/{{constriction}}.run.parquet", constriction=CONSTRICTIONS),
+        rows_of(POINTS),
     output:
-        table=f"{RESULTS}/constriction_runs.parquet",
-        csv=f"{RESULTS}/constriction_runs.csv",
+        table=f"{RESULTS}/assay_runs.parquet",
+        csv=f"{RESULTS}/assay_runs.csv",
     params:
-        kind="constriction_runs",
-        settings=gathered(CONSTRICTIONS),
+        kind="assay_runs",
+        settings=gathered(POINTS),
     log:
-        f"{RESULTS}/logs/constriction_runs.log",
+        f"{RESULTS}/logs/assays.log",
     benchmark:
-        f"{RESULTS}/benchmarks/constriction_runs.tsv"
+        f"{RESULTS}/benchmarks/assays.tsv"
     conda:
         "../envs/dldsim.yaml"
     message:
-        "gather the constriction runs"
+        "gather the passages of all assays"
     script:
         "../scripts/gather.py"
 
 
 rule calibration:
     input:
-        rules.constriction_runs.output.table,
+        rules.assays.output.table,
     output:
         calibration=f"{RESULTS}/calibration.parquet",
         calibration_csv=f"{RESULTS}/calibration.csv",
         correlations=f"{RESULTS}/calibration_correlations.parquet",
         correlations_csv=f"{RESULTS}/calibration_correlations.csv",
     params:
-        settings=settings_of(),
+        settings=calibration_settings(),
     log:
         f"{RESULTS}/logs/calibration.log",
     benchmark:
@@ -61,6 +59,49 @@ rule calibration:
     conda:
         "../envs/dldsim.yaml"
     message:
-        "calibrate the deformation index of each stiffness group"
+        "calibrate the index of each assay"
     script:
         "../scripts/calibration.py"
+
+
+rule calibration_library:
+    input:
+        rows_of(LIBRARY),
+    output:
+        table=f"{RESULTS}/calibration_library.parquet",
+        csv=f"{RESULTS}/calibration_library.csv",
+    params:
+        kind="calibration_library",
+        settings=calibration_settings(LIBRARY),
+    log:
+        f"{RESULTS}/logs/calibration_library.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/calibration_library.tsv"
+    conda:
+        "../envs/dldsim.yaml"
+    message:
+        "calibrate assays for other cells"
+    script:
+        "../scripts/assay_curves.py"
+
+
+rule assay_study:
+    input:
+        rows_of(STUDIED),
+    output:
+        table=f"{RESULTS}/assay_study.parquet",
+        csv=f"{RESULTS}/assay_study.csv",
+        figure=f"{RESULTS}/assay_study.png",
+    params:
+        kind="assay_study",
+        settings=calibration_settings(STUDIED),
+    log:
+        f"{RESULTS}/logs/assay_study.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/assay_study.tsv"
+    conda:
+        "../envs/dldsim.yaml"
+    message:
+        "compare what assays resolve"
+    script:
+        "../scripts/assay_curves.py"

@@ -15,7 +15,7 @@ from snakemake.io import apply_wildcards
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
 from dldsim.app import freshness
-from dldsim.config import campaign, identifiers, limits
+from dldsim.config import assays, campaign, identifiers, limits
 from dldsim.config.provenance import check_stamp, settings_hash, write_stamp
 from dldsim.evidence import accuracy, reference_study, spot_check
 from dldsim.config.presets import origins, read_layer, resolve
@@ -70,7 +70,10 @@ try:
 except DldsimError as error:
     raise WorkflowError(str(error)) from None
 
-CONSTRICTIONS = campaign.constrictions(CONFIG)
+POINTS, LIBRARY, STUDIED = (
+    [identifiers.point_id(point) for point in points(CONFIG)]
+    for points in (assays.points, assays.library_points, assays.study_points)
+)
 SURVEY = CONFIG.survey.members()
 SURVEY_POINTS = [f"{number:04d}" for number in range(len(SURVEY))]
 SPOT_CHECKED = spot_check.sample(OUTCOMES, CONFIG.seed)
@@ -80,7 +83,7 @@ REQUESTS = [request.name for request in CONFIG.design_requests]
 wildcard_constraints:
     geometry=identifiers.GEOMETRY_PATTERN,
     outcome=identifiers.OUTCOME_PATTERN,
-    constriction=identifiers.CONSTRICTION_PATTERN,
+    point=identifiers.POINT_PATTERN,
     variant=r"[A-Za-z0-9._-]+--[a-z_]+--\d+--\d+",
     case=r"[a-z-]+",
     request=r"[A-Za-z0-9-]+",
@@ -247,24 +250,22 @@ def plan_of_point(wildcards):
     return f"{RESULTS}/survey/plans/{SURVEY[number].round}.parquet"
 
 
-def constriction_settings(wildcards):
-    name, position, design = identifiers.parse_constriction(wildcards.constriction)
-    channel = CONFIG.constriction.model_dump(mode="json")
-    positions, velocity = (channel.pop(k) for k in ("release_positions_um", "fixed_velocity_mm_s"))
-    group = CONFIG.constriction_groups[name].model_dump(mode="json")
-    if design == identifiers.FIXED_VELOCITY:
-        group |= {"velocity_mm_s": velocity, "stiffness_set": None}
-    return {
-        "group": group,
-        "constriction": channel,
-        "release_position_um": positions[position],
-        "cell": CONFIG.cell.model_dump(mode="json", exclude={"axis"}),
-        "flow": CONFIG.flow.model_dump(mode="json", include={"viscosity_mPa_s"}),
-        "numerics": CONFIG.numerics.model_dump(
-            mode="json", exclude={"spacing_um", "bounce_back", "rows", "lanes"}
-        ),
-        "physics_version": PHYSICS_VERSION,
-    }
+def point_settings(wildcards):
+    settings = assays.settings_of_point(identifiers.parse_point(wildcards.point), CONFIG)
+    return {**settings, "physics_version": PHYSICS_VERSION}
+
+
+def rows_of(points):
+    return expand(f"{RESULTS}/assays/{{point}}.runs.parquet", point=points)
+
+
+def calibration_settings(points=()):
+    """Which assay is the default one, and the published pairs with the stiffness sets they name."""
+    settings = settings_of("default_assay", "stiffness_sets")
+    tables = {n: a for n, a in CONFIG.assays.items() if a.kind == "table"}
+    parts = gathered(points) if points else {}
+    pairs = {} if points else {n: a.model_dump(mode="json") for n, a in tables.items()}
+    return {**settings, **parts, "published": pairs}
 
 
 def design_settings(requests, *sections):

@@ -21,6 +21,8 @@ from dldsim.app.commands.settings import (
     safety_distance_um,
     section_of,
 )
+from dldsim.config.assay_sections import GROUP_VELOCITY, ConstrictionAssay
+from dldsim.config.assays import NOT_IN_ASSAYS, Membrane, passages_of
 from dldsim.config.configuration import Partial
 from dldsim.config.explain import validate
 from dldsim.config.feasibility import check_gap, check_passable
@@ -156,7 +158,7 @@ def flow(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 
 def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
-    """One cell through the constriction channel."""
+    """One cell through the source's slit."""
     config = configuration(args.config)
     name, group = _constriction_group(config, args)
     channel = section_of(Constriction, config, args)
@@ -174,15 +176,18 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if args.out:
         check_writable(args.out / f"{name}_at-{release:g}.trajectory.parquet", "--out")
     from dldsim.experiments import outcome_files
-    from dldsim.experiments.constriction import simulate_constriction
+    from dldsim.experiments.assays import simulate_passage
 
+    own = group.velocity_mm_s
+    assay = ConstrictionAssay(kind="constriction", groups=True, channel=channel)
+    first = passages_of(assay, cell.shape)[0]
     with Display() as progress:
-        result = simulate_constriction(
-            name,
-            group,
-            channel,
+        result = simulate_passage(
+            GROUP_VELOCITY,
+            assay,
+            Membrane(name, group.stiffness, group.stiffness_set or "", own),
             *sections,
-            release_position_um=release,
+            first._replace(release_position_um=release),
             run_id=f"{name}_at-{release:g}",
             progress=progress,
         )
@@ -194,17 +199,13 @@ def constrict(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         }
         row = args.out / f"{summary['run_id']}.run.parquet"
         trajectory = args.out / f"{summary['run_id']}.trajectory.parquet"
-        outcome_files.write_constriction(result, row, trajectory, settings)
+        outcome_files.write_assay_runs([result], row, trajectory, settings)
         summary["files"] = [str(row), str(trajectory)]
     return summary, listing(summary)
 
 
-NOT_IN_CHANNEL = ("spacing_um", "bounce_back", "rows", "lanes")
-"""Numerics of arrays; the channel has a spacing of its own."""
-
-
 def _channel_numerics(config: Partial, args: argparse.Namespace) -> Numerics:
-    given = {k: v for k, v in given_by(Numerics, args).items() if k not in NOT_IN_CHANNEL}
+    given = {k: v for k, v in given_by(Numerics, args).items() if k not in NOT_IN_ASSAYS}
     return validate(Numerics, config.numerics.model_dump() | given)
 
 
@@ -294,7 +295,7 @@ def add_constrict(commands) -> None:
         commands,
         "constrict",
         constrict,
-        "one cell through the constriction",
+        "one cell through the source's slit",
         "constrict --set 1 --json",
     )
     which = parser.add_mutually_exclusive_group(required=True)
@@ -313,12 +314,10 @@ def add_constrict(commands) -> None:
         help="release along the flow, from the first possible position; "
         "default: the first of constriction.release_positions_um",
     )
-    add_fields(
-        parser, "channel", Constriction, without={"release_positions_um", "fixed_velocity_mm_s"}
-    )
+    add_fields(parser, "channel", Constriction, without={"release_positions_um"})
     add_fields(parser, "cell", CellShape, without={"axis"})
     add_option(parser, Flow, "viscosity_mPa_s")
-    add_fields(parser, "numerics", Numerics, without={*NOT_IN_CHANNEL})
+    add_fields(parser, "numerics", Numerics, without={*NOT_IN_ASSAYS})
     add_config(parser)
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="write its row and its trajectory there, as Parquet"

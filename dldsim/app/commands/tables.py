@@ -47,7 +47,7 @@ def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Moduli of a cell with a measured deformation index."""
-    from dldsim.analysis.calibration import stiffness_for
+    from dldsim.analysis.calibration import stiffness_for, with_library
     from dldsim.design.finished_campaign import packaged_campaign
     from dldsim.tables.parquet import read_table
     from dldsim.tables.user_table import read_user_table
@@ -55,9 +55,14 @@ def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     if args.calibration:
         table = read_user_table(args.calibration).frame
     else:
-        path = (args.results or packaged_campaign()) / "calibration.parquet"
-        table = read_table("calibration", path)
-    found = stiffness_for(args.di, table, args.error, args.design)
+        folder = args.results or packaged_campaign()
+        table = read_table("calibration", folder / "calibration.parquet")
+        library = folder / "calibration_library.parquet"
+        if (args.shape or args.radius) and library.exists():
+            table = with_library([table, read_table("calibration_library", library)])
+    found = stiffness_for(
+        args.di, table, args.error, args.assay, shape=args.shape, radius_um=args.radius
+    )
     summary = {"deformation_index": args.di, "error": args.error} | found
     return summary, listing(summary)
 
@@ -129,11 +134,20 @@ def add_stiffness(commands) -> None:
         help="standard error of it; default %(default)s",
     )
     parser.add_argument(
-        "--design",
-        default="group-velocity",
-        choices=["group-velocity", "fixed-velocity"],
-        help="calibration at the groups' own velocities (that of the campaign's "
-        "deformation indices), or at one velocity; default %(default)s",
+        "--assay",
+        metavar="NAME",
+        help="how the index was measured: an assay of the calibration; default: its default one",
+    )
+    parser.add_argument(
+        "--shape",
+        choices=["biconcave", "sphere"],
+        help="rest shape of the cell; default: the campaign's, or the only one of a file",
+    )
+    parser.add_argument(
+        "--radius",
+        type=number,
+        metavar="µm",
+        help="its largest radius at rest; default: the campaign's, or the only one of a file",
     )
     parser.add_argument(
         "--results",

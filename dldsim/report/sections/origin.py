@@ -42,7 +42,7 @@ def contents(page: Page) -> dict:
         "Simulation time": f"{duration(simulation_time(page))} summed over jobs",
         "Versions": ", ".join(versions()),
     }
-    for section in ("cell", "flow", "numerics", "run_control", "constriction"):
+    for section in ("cell", "flow", "numerics", "run_control", "constriction", "assays"):
         found = page.setting(section)
         if isinstance(found, Mapping):
             rows[section.replace("_", " ").capitalize()] = ", ".join(

@@ -67,7 +67,7 @@ def modes_of(outcomes: pd.DataFrame) -> list[str]:
 
 def simulation_time(page: Page) -> float:
     """Wall time of all simulations, summed over jobs [s]."""
-    kinds = [k for k in ("outcomes", "flows", "constriction_runs") if k in page]
+    kinds = [k for k in ("outcomes", "flows", "assay_runs") if k in page]
     return float(sum(page[kind]["wall_time_s"].sum() for kind in kinds))
 
 

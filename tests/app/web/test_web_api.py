@@ -245,7 +245,7 @@ def test_bad_fields_are_told(client, change, field, parts):
             ["0.2", "0.5 to 0.78"],
             ["deformation_index_1"],
         ),
-        ({"stiffness_set_1": "9"}, ["no constriction group", "9"], ["stiffness_set_1"]),
+        ({"stiffness_set_1": "9"}, ["no membrane of the default assay", "9"], ["stiffness_set_1"]),
     ],
 )
 def test_what_physics_forbids_is_explained(client, change, parts, fields):

@@ -339,13 +339,12 @@ class Fake:
             rows = [
                 row(
                     "calibration",
-                    design="group-velocity",
+                    assay="group-velocity",
                     group=f"G{k}",
                     ks_uN_per_m=5.0 * k,
                     stiffness_set=str(k),
                     deformation_index=LOW + 0.02 * k,
-                    deformation_index_low=LOW + 0.02 * k - 0.005,
-                    deformation_index_high=LOW + 0.02 * k + 0.005,
+                    deformation_index_std=0.005,
                 )
                 for k in (1, 2, 3)
             ]
@@ -368,8 +367,13 @@ class Fake:
                 deformation_index=given["deformation_index"],
                 error=given["error"],
                 velocity_mm_s=1.0,
+                shear_stress_Pa=None,
                 between=["G1", "G2"],
-                design=given["design"],
+                assay=given["assay"],
+                index="(a − b)/(a + b)",
+                label=None,
+                cell_shape="biconcave",
+                cell_radius_um=7.5,
                 truncated=True,
                 provenance=ABOUT,
             )

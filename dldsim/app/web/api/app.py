@@ -20,7 +20,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.analysis.calibration import stiffness_for
+from dldsim.analysis.calibration import default_curves, stiffness_for
 from dldsim.app import design_answers
 from dldsim.app.web.api import models
 from dldsim.app.web.api.data import (
@@ -688,8 +688,14 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         """Moduli of a cell with a measured deformation index."""
         source = service.source(spec.campaign)
         try:
+            cell = source.known.settings["cell"]
             found = stiffness_for(
-                spec.deformation_index, calibration_of(source), spec.error, spec.design
+                spec.deformation_index,
+                calibration_of(source),
+                spec.error,
+                spec.assay,
+                shape=cell["shape"],
+                radius_um=cell["radius_um"],
             )
         except DldsimError as error:
             raise _infeasible(spec, error) from error
@@ -715,11 +721,12 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         sets, ranges = [], {}
         if "calibration" in known.tables:
             table = known.tables["calibration"]
-            for name, part in table.groupby("design"):
-                values = part["deformation_index"].dropna()
+            for name in dict.fromkeys(table["assay"]):
+                values = table.loc[table["assay"] == name, "deformation_index"].dropna()
                 if len(values):
                     ranges[name] = (float(values.min()), float(values.max()))
-            named = table[(table["stiffness_set"] != "") & table["deformation_index"].notna()]
+            named = default_curves(table)
+            named = named[(named["stiffness_set"] != "") & named["deformation_index"].notna()]
             sets = [
                 models.CalibratedSet(**row)
                 for row in table_rows(
@@ -782,7 +789,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         tags=["campaign"],
     )
     def calibration(campaign: CampaignQuery = None) -> models.Table:
-        """Deformation index of each stiffness group."""
+        """Index of each membrane in each assay."""
         return table("calibration", service.source(campaign))
 
     @app.get(

@@ -12,7 +12,6 @@ import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
 
 from dldsim.config.design_sections import DesignRequest
-from dldsim.config.identifiers import GROUP_VELOCITY
 from dldsim.config.sections import Section
 from dldsim.tables.registry import COLUMNS
 
@@ -188,11 +187,9 @@ class StiffnessSpec(Section):
         json_schema_extra={"examples": [{"deformation_index": 0.7, "error": 0.01}]}
     )
 
-    deformation_index: float = Field(ge=0, le=1, description="as measured in the constriction")
+    deformation_index: float = Field(ge=0, le=1, description="as measured in the assay")
     error: float = Field(0.0, ge=0, le=1, description="its standard error")
-    design: Literal["group-velocity", "fixed-velocity"] = Field(
-        GROUP_VELOCITY, description="calibration at the groups' own velocities, or at one velocity"
-    )
+    assay: str | None = Field(None, description="name of the assay; none: the campaign's default")
     campaign: CampaignId | None = None
 
 
@@ -452,9 +449,14 @@ class StiffnessAnswer(Answer):
     kb_pN_um: float
     kb_pN_um_low: float
     kb_pN_um_high: float
-    velocity_mm_s: float
+    velocity_mm_s: float | None
+    shear_stress_Pa: float | None
     between: list[str]
-    design: str
+    assay: str
+    index: str | None = Field(description="what the index is")
+    label: str | None = Field(description="where it comes from, if not from simulations")
+    cell_shape: str | None
+    cell_radius_um: float | None
     truncated: bool = Field(description="the interval reaches the end of the calibrated range")
     provenance: Provenance
 
@@ -504,7 +506,7 @@ class ModelInfo(Answer):
         description="`ranges` of the features; `geometries`: (P_r/R, P_g/R, N_p) learnt from; "
         "`arrays`: (P_r, P_g, N_p) in µm; their hull is where the surrogate interpolates"
     )
-    calibrated_range: dict[str, tuple[float, float]] = Field(description="by calibration design")
+    calibrated_range: dict[str, tuple[float, float]] = Field(description="by assay")
     stiffness_sets: list[CalibratedSet]
     flow: dict[str, Any]
     cell: dict[str, Any]

@@ -104,19 +104,18 @@ def _calibration(info: models.ModelInfo) -> None:
     rows = _rows("calibration")
     if rows is None:
         return
-    designs = list(dict.fromkeys(r["design"] for r in rows))
+    assays = list(dict.fromkeys(r["assay"] for r in rows if r["assay"] in info.calibrated_range))
     limits = {f.name: f for f in models.limits_of(models.StiffnessSpec)}
     left, right = st.columns([2, 3])
     with left:
         st.markdown("**Measured deformation index → stiffness**")
-        design = st.radio(
-            "calibration",
-            designs,
+        assay = st.radio(
+            "assay",
+            assays,
             key="form:calibration",
-            help="group-velocity: each group at its own mean velocity, as in the "
-            "source; fixed-velocity: all at one.",
+            help="How the index was measured; docs/assays.md.",
         )
-        low, high = info.calibrated_range.get(design, (0.0, 1.0))
+        low, high = info.calibrated_range.get(assay, (0.0, 1.0))
         index = number(
             limits["deformation_index"],
             "Deformation index",
@@ -125,7 +124,7 @@ def _calibration(info: models.ModelInfo) -> None:
         )
         st.caption(f"calibrated {low:.4f} to {high:.4f}")
         error = number(limits["error"], "± standard error", "form:measured_error", 0.002)
-        spec = {"deformation_index": index, "error": error, "design": design}
+        spec = {"deformation_index": index, "error": error, "assay": assay}
         found = None
         try:
             found = client.stiffness(spec | _campaign())
@@ -154,9 +153,7 @@ def _calibration(info: models.ModelInfo) -> None:
                 },
                 "moduli",
             )
-            st.caption(
-                f"Between {plain(' and '.join(found.between))}, at {found.velocity_mm_s:.3g} mm/s."
-            )
+            st.caption(f"Between {plain(' and '.join(found.between))}{_flow_of(found)}.")
             if found.truncated:
                 st.warning(
                     "The interval reaches the end of the calibrated range; the true one is wider.",
@@ -168,12 +165,12 @@ def _calibration(info: models.ModelInfo) -> None:
             "calibration",
             "deformation index over the spring constant",
         )
-        st.caption("Bars: 95 % confidence interval of the mean over the release positions.")
+        st.caption("Bars: standard deviation over what the passages vary.")
     with st.expander("The calibration"):
         frame(
             rows,
             {
-                "design": ("design", ""),
+                "assay": ("assay", ""),
                 "group": ("group", ""),
                 "stiffness_set": ("set", ""),
                 "ks_uN_per_m": ("k_s [µN/m]", "%.4g"),
@@ -181,11 +178,20 @@ def _calibration(info: models.ModelInfo) -> None:
                 "runs": ("runs", ""),
                 "deformation_index": ("DI", "%.4f"),
                 "deformation_index_std": ("± [1]", "%.4f"),
-                "deformation_index_low": ("95 % from", "%.4f"),
-                "deformation_index_high": ("to", "%.4f"),
+                "label": ("from", ""),
             },
             "calibration-table",
         )
+
+
+def _flow_of(found: models.StiffnessAnswer) -> str:
+    """At which velocity or stress it holds, and where it is from."""
+    flow = ""
+    if found.velocity_mm_s is not None:
+        flow = f", at {found.velocity_mm_s:.3g} mm/s"
+    elif found.shear_stress_Pa is not None:
+        flow = f", at a shear stress of {found.shear_stress_Pa:.3g} Pa"
+    return f"{flow}; {plain(found.label)}" if found.label else flow
 
 
 def _campaign() -> dict[str, str]:

@@ -827,7 +827,7 @@ def modes(outcomes: Sequence[Row], x: str) -> go.Figure:
 
 
 def calibration(rows: Sequence[Row], found: Row | None = None) -> go.Figure:
-    """Deformation index over stiffness with 95 % intervals; dotted: an inverted measurement."""
+    """Index over stiffness with its scatter, by assay; dotted: an inverted measurement."""
     figure = _figure(
         430,
         xaxis_title="edge spring constant k<sub>s</sub> [µN/m]",
@@ -838,21 +838,12 @@ def calibration(rows: Sequence[Row], found: Row | None = None) -> go.Figure:
         "group-velocity": (BLUE, "circle", "solid"),
         "fixed-velocity": (ORANGE, "square", "dash"),
     }
-    for name in dict.fromkeys(r["design"] for r in rows):
+    for name in dict.fromkeys(r["assay"] for r in rows):
         part = sorted(
-            (r for r in rows if r["design"] == name and r["deformation_index"] is not None),
+            (r for r in rows if r["assay"] == name and r["deformation_index"] is not None),
             key=lambda r: r["ks_uN_per_m"],
         )
         colour, symbol, dash = looks.get(name, (GREEN, "diamond", "dot"))
-        up, down = (
-            [
-                abs(
-                    (r[f"deformation_index_{s}"] or r["deformation_index"]) - r["deformation_index"]
-                )
-                for r in part
-            ]
-            for s in ("high", "low")
-        )
         figure.add_scatter(
             x=[r["ks_uN_per_m"] for r in part],
             y=[r["deformation_index"] for r in part],
@@ -860,10 +851,14 @@ def calibration(rows: Sequence[Row], found: Row | None = None) -> go.Figure:
             name=name,
             line={"color": colour, "dash": dash, "width": 1.5},
             marker={"symbol": symbol, "size": 9},
-            error_y={"type": "data", "array": up, "arrayminus": down, "thickness": 1.2},
-            customdata=[[r["group"], r["stiffness_set"] or "–", r["velocity_mm_s"]] for r in part],
+            error_y={
+                "type": "data",
+                "array": [r["deformation_index_std"] or 0.0 for r in part],
+                "thickness": 1.2,
+            },
+            customdata=[[r["group"], r["stiffness_set"] or "–"] for r in part],
             hovertemplate="%{customdata[0]}, set %{customdata[1]}<br>k_s %{x:.3g} µN/m, DI %{y:.4f}"
-            "<br>at %{customdata[2]:.3g} mm/s<extra></extra>",
+            "<extra></extra>",
         )
     if found:
         index, error = found["deformation_index"], found["error"]

@@ -213,7 +213,7 @@ def _cell(
                 "Deformation index",
                 f"form:deformation_index_{i}",
                 ends[int(i) - 1],
-                about="As measured in the constriction, mean of the cell type",
+                about="As measured in the default assay, mean of the cell type",
             )
             st.caption(f"learnt from {low:.4f} to {high:.4f}")
             at_field("design", f"deformation_index_{i}")

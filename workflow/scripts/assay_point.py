@@ -1,14 +1,14 @@
-"""One constriction run: settings in, run row and trajectory out."""
+"""One point of a calibration: settings in, rows and trajectories of its passages out."""
 
 from pathlib import Path
 
-from dldsim.app.jobs import constriction_job, job_log
+from dldsim.app.jobs import assay_job, job_log
 
 with job_log(snakemake.log[0]) as progress:
-    constriction_job(
-        snakemake.wildcards.constriction,
+    assay_job(
+        snakemake.wildcards.point,
         snakemake.params.settings,
-        row=Path(snakemake.output.row),
+        rows=Path(snakemake.output.rows),
         trajectory=Path(snakemake.output.trajectory),
         crashes=Path(snakemake.params.crash_directory),
         progress=progress,

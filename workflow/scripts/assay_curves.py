@@ -1,0 +1,14 @@
+"""Passages of some assays in, their calibrations out, and a figure where one is asked for."""
+
+from pathlib import Path
+
+from dldsim.app.jobs import job_log, write_curves
+
+with job_log(snakemake.log[0]):
+    write_curves(
+        snakemake.params.kind,
+        snakemake.input,
+        snakemake.params.settings,
+        table=Path(snakemake.output.table),
+        figure=snakemake.output.get("figure"),
+    )
