@@ -365,6 +365,8 @@ EVERYTHING = (
     "reference_check",
     "spot_check",
     "survey",
+    "calibration_library",
+    "assay_study",
 )
 OUTCOME = {"cell", "flow", "numerics", "run_control", "stiffness_sets"}
 DESIGN = {"seed", "flow", "device", "design_requests", "sweep"}
@@ -373,7 +375,6 @@ NOTHING = (
     "runs",
     "trajectories",
     "outcomes",
-    "assays",
     "robustness_map",
     "validate_case",
     "validation",
@@ -404,18 +405,19 @@ READS = {
     "survey_point": {"cell", "flow", "numerics", "run_control"},
     "survey": {"survey"},
     "empty_flow": {"flow", "numerics"},
-    "assay_point": {
-        "cell",
+    "assays": {"cell"},
+    "assay_point": {  # its cell is in its name
         "flow",
         "numerics",
         "stiffness_sets",
         "constriction",
         "constriction_groups",
         "assays",
+        "assay_study",
     },
-    **dict.fromkeys(
-        ("calibration", "calibration_library", "assay_study"), {"default_assay", "stiffness_sets"}
-    ),
+    "calibration": {"default_assay", "stiffness_sets"},
+    "calibration_library": {"default_assay", "stiffness_sets", "calibration_library"},
+    "assay_study": {"default_assay", "stiffness_sets"},
     "sensitivity": {"seed", "fabrication"},
     "verify": OUTCOME | DESIGN | {"verification"},
     "accuracy_run": OUTCOME | {"accuracy", "constriction", "constriction_groups"},
@@ -447,7 +449,7 @@ CHANGES = {
     "constriction_groups": "constriction_groups={G1: {velocity_mm_s: 2}}",
     "assays": "assays={gauge: {stress_Pa: 1.5}}",
     "default_assay": "default_assay=group-velocity",
-    "calibration_library": "calibration_library={assays: []}",
+    "calibration_library": "calibration_library={cells: [{shape: sphere, radius_um: 8.0}]}",
     "assay_study": "assay_study={assays: {shear-low: {stress_Pa: 0.1}}}",
     "design_requests": "design_requests=[{name: soft-from-stiff, stiffness_set_1: '1', "
     "stiffness_set_2: '5', trials: 30}]",
@@ -462,6 +464,14 @@ CHANGES = {
 
 
 SMALL = {
+    "assay_study": {
+        "of_campaign": [],
+        "cells": [{"shape": "sphere", "radius_um": 7.5}],
+        "assays": dict.fromkeys(
+            ("shear-middle", "shear-high", "channel-slow", "channel-fast", "slit-8", "slit-12")
+        ),
+    },
+    "calibration_library": {"cells": [{"shape": "sphere", "radius_um": 6.0}]},
     "accuracy": {
         "migration_angle": {
             "cases": {"zigzag": None, "transition": None},

@@ -172,7 +172,8 @@ class CalibrationLibrary(Section):
 
 
 class AssayStudy(Section):
-    """Assays that are compared with the default one, to see what they resolve: `assay_study`."""
+    """Ways of measuring that are compared, to see what they resolve: `assay_study`."""
 
+    of_campaign: list[Name] = Field([], description="names from assays that are compared too")
     assays: dict[Name, Assay] = Field({}, description="ways of measuring by name")
     cells: list[AssayCell] = Field([], description="cells at rest that all of them measure")

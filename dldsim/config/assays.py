@@ -143,9 +143,9 @@ def library_points(config: Config) -> list[Point]:
 
 
 def study_points(config: Config) -> list[Point]:
-    """What the study of assays measures; the default assay is part of it."""
+    """What the study of assays measures."""
     study = config.assay_study
-    names = dict.fromkeys([config.default_assay, *study.assays])
+    names = [*study.of_campaign, *study.assays]
     return [point for name in names for point in points_of(name, config, study.cells)]
 
 

@@ -197,14 +197,14 @@ class Config(Partial):
         index. ``in_groups``: stiffness sets that a constriction group stands for."""
         if self.default_assay not in self.assays:
             raise Unfit(f"one of the assays {', '.join(self.assays)}", "default_assay")
-        for section, names in (
-            ("assay_study", self.assay_study.assays),
-            ("calibration_library", self.calibration_library.assays),
+        for key, names in (
+            ("assay_study.of_campaign", self.assay_study.of_campaign),
+            ("calibration_library.assays", self.calibration_library.assays),
         ):
-            wrong = [n for n in names if (n in self.assays) == (section == "assay_study")]
-            if wrong:
-                allowed = "names that assays has not" if section == "assay_study" else "names from"
-                raise Unfit(f"{allowed} assays; {', '.join(wrong)}", f"{section}.assays")
+            if wrong := [name for name in names if name not in self.assays]:
+                raise Unfit(f"names from assays; {', '.join(wrong)}", key)
+        if both := self.assay_study.assays.keys() & self.assays.keys():
+            raise Unfit(f"names that assays has not; {', '.join(both)}", "assay_study.assays")
         for section, assays in (("", self.assays), ("assay_study.", self.assay_study.assays)):
             for name, assay in assays.items():
                 key = f"{section}assays.{name}"

@@ -53,6 +53,7 @@ RAW = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
         ({"assays": {"c": {"kind": "constriction"}}}, ["a velocity, unless groups"]),
         ({"assays": {"source-table": {"indices": {"9": 0.5}}}}, ["sets 1, 2, 3, 4, 5; 9"]),
         ({"calibration_library": {"assays": ["x"]}}, ["names from assays; x"]),
+        ({"assay_study": {"of_campaign": ["x"]}}, ["names from assays; x"]),
         ({"assay_study": {"assays": {"gauge": {"kind": "shear", "stress_Pa": 1}}}}, ["gauge"]),
         ({"constriction_groups": {"G3": {"stiffness_set": "1"}}}, ["several for 1"]),
         ({"design_requests": [{"name": "a", "stiffness_set_1": "1"}]}, ["deformation_index_2"]),
