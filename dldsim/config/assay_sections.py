@@ -81,8 +81,14 @@ class ConstrictionAssay(Offsets, Simulated):
         return self
 
     @property
+    def slit(self) -> Constriction:
+        """The channel, once it is in place (`assays.assay_of`)."""
+        assert self.channel is not None
+        return self.channel
+
+    @property
     def axis(self) -> Axis:
-        return self.channel.axis
+        return self.slit.axis
 
 
 class ChannelAssay(Offsets, Simulated):
@@ -115,7 +121,8 @@ class ChannelAssay(Offsets, Simulated):
     @property
     def mean_velocity_mm_s(self) -> float:
         """Mean velocity over the section; 1 nl/s through 1 µm² is 1 m/s."""
-        if self.velocity_mm_s is not None:
+        if self.flow_rate_nl_per_s is None:
+            assert self.velocity_mm_s is not None
             return self.velocity_mm_s
         return 1e3 * self.flow_rate_nl_per_s / (self.width_um * self.height_um)
 

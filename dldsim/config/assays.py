@@ -6,7 +6,13 @@ Rule files import this module in every job, so it imports nothing heavy.
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from dldsim.config.assay_sections import Assay, AssayCell, ConstrictionAssay, Simulated, TableAssay
+from dldsim.config.assay_sections import (
+    Assay,
+    AssayCell,
+    ConstrictionAssay,
+    SimulatedAssay,
+    TableAssay,
+)
 from dldsim.config.configuration import Config, Partial
 from dldsim.config.explain import did_you_mean
 from dldsim.config.identifiers import Point
@@ -58,7 +64,7 @@ def assay_of(name: str, config: Partial) -> Assay:
     return assay
 
 
-def cells_of(assay: Simulated, config: Partial) -> list[CellShape]:
+def cells_of(assay: SimulatedAssay, config: Partial) -> list[CellShape]:
     """The cells at rest that an assay is calibrated for."""
     own = config.cell
     if not assay.cells:
@@ -66,7 +72,7 @@ def cells_of(assay: Simulated, config: Partial) -> list[CellShape]:
     return [own.model_copy(update=cell.model_dump()) for cell in assay.cells]
 
 
-def membranes_of(assay: Simulated, config: Partial) -> list[Membrane]:
+def membranes_of(assay: SimulatedAssay, config: Partial) -> list[Membrane]:
     """The membranes that an assay measures, softest first but for those of groups.
 
     Between two sets k_s rises in equal ratios and the other moduli are linear in it.
@@ -102,11 +108,10 @@ def _between(soft: Stiffness, stiff: Stiffness, count: int) -> Iterator[Membrane
         yield Membrane(f"ks-{ks:.4g}", Stiffness(**moduli))
 
 
-def passages_of(assay: Simulated, shape: str) -> list[Passage]:
+def passages_of(assay: SimulatedAssay, shape: str) -> list[Passage]:
     """The passages of one cell and membrane: the first, then those that differ from it in one
     thing. A sphere has no orientation."""
-    slit = isinstance(assay, ConstrictionAssay)
-    releases = assay.channel.release_positions_um if slit else [0.0]
+    releases = assay.slit.release_positions_um if isinstance(assay, ConstrictionAssay) else [0.0]
     first = Passage(NOTHING, releases[0], 0.0, 1.0, assay.axis)
     found = [first]
     found += [first._replace(varied=RELEASE, release_position_um=r) for r in releases[1:]]
@@ -149,9 +154,16 @@ def study_points(config: Config) -> list[Point]:
     return [point for name in names for point in points_of(name, config, study.cells)]
 
 
+def simulated(name: str, config: Partial) -> SimulatedAssay:
+    """An assay that a point is of: none of published pairs."""
+    assay = assay_of(name, config)
+    assert not isinstance(assay, TableAssay)
+    return assay
+
+
 def settings_of_point(point: Point, config: Partial) -> dict:
     """Everything that a point depends on, as plain values, but the physics version."""
-    assay = assay_of(point.assay, config)
+    assay = simulated(point.assay, config)
     [membrane] = [m for m in membranes_of(assay, config) if m.name == point.membrane]
     cell = config.cell.model_copy(update={"shape": point.shape, "radius_um": point.radius_um})
     return {
@@ -160,7 +172,9 @@ def settings_of_point(point: Point, config: Partial) -> dict:
     }
 
 
-def settings_of_passages(assay: Simulated, membrane: Membrane, cell: CellShape, flow: Flow) -> dict:
+def settings_of_passages(
+    assay: SimulatedAssay, membrane: Membrane, cell: CellShape, flow: Flow
+) -> dict:
     """The same of passages but for the numerics."""
     viscosity = assay.viscosity_mPa_s or flow.viscosity_mPa_s
     return {

@@ -212,7 +212,7 @@ def check_tension(key: str, velocity_mm_s: float, viscosity_mPa_s: float, membra
 
 def check_point(point: Point, config: Partial) -> None:
     """Refuse an assay in which a cell and a membrane cannot be measured."""
-    assay = assays.assay_of(point.assay, config)
+    assay = assays.simulated(point.assay, config)
     [membrane] = [m for m in assays.membranes_of(assay, config) if m.name == point.membrane]
     cell = config.cell.model_copy(update={"shape": point.shape, "radius_um": point.radius_um})
     viscosity = assay.viscosity_mPa_s or config.flow.viscosity_mPa_s
@@ -221,9 +221,9 @@ def check_point(point: Point, config: Partial) -> None:
             update={"radius_um": cell.radius_um * passage.radius_factor, "axis": passage.axis}
         )
         if isinstance(assay, ConstrictionAssay):
-            check_channel(assay.channel, config.numerics, config.limits)
-            check_throat(assay.channel, own)
-            check_release(passage.release_position_um, assay.channel, own)
+            check_channel(assay.slit, config.numerics, config.limits)
+            check_throat(assay.slit, own)
+            check_release(passage.release_position_um, assay.slit, own)
         elif isinstance(assay, ChannelAssay):
             check_fits(assay, own, passage.offset_um)
             spacing = assay.spacing_um
@@ -237,10 +237,10 @@ def check_point(point: Point, config: Partial) -> None:
         velocity = assay.mean_velocity_mm_s
     elif isinstance(assay, ShearAssay):
         key, velocity = "stress_Pa", assay.stress_Pa / viscosity * cell.radius_um
-    elif velocity is None:
-        velocity = assay.velocity_mm_s
-    if isinstance(assay, ConstrictionAssay):
-        velocity *= assay.channel.width_um / assay.channel.throat_width_um
+    else:
+        mean = assay.velocity_mm_s if velocity is None else velocity
+        assert mean is not None
+        velocity = mean * assay.slit.width_um / assay.slit.throat_width_um
     check_tension(key, velocity, viscosity, membrane.stiffness)
 
 
@@ -269,7 +269,7 @@ def _key_of(name: str, key: str, config: Partial) -> str:
     section = "assay_study.assays" if name not in config.assays else "assays"
     if not key.startswith("constriction."):
         return f"{section}.{name}.{key}"
-    if own.channel is None:
+    if not isinstance(own, ConstrictionAssay) or own.channel is None:
         return key
     return f"{section}.{name}.channel.{key.removeprefix('constriction.')}"
 
