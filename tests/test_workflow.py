@@ -799,7 +799,6 @@ def test_tiny_campaign_end_to_end(tmp_path):
     assert planned(folder, "all", config=half) == {}
 
 
-@pytest.mark.campaign
 def test_tiny_survey_end_to_end(tmp_path):
     """Two first points and one chosen from their outcomes; then nothing is left to do. A plan made
     anew with the same points costs no simulation."""

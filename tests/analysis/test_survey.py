@@ -117,6 +117,7 @@ def known(first):
     return [simulated(row, 1.4 if row["cell_shape"] == "biconcave" else 1.0) for row in first]
 
 
+@pytest.mark.slow
 def test_a_refining_round_goes_to_the_transition_and_not_to_where_it_has_been(settings, known):
     rows = survey.plan(1, settings, known)
     assert [row["number"] for row in rows] == list(range(48, 60))
