@@ -3,14 +3,15 @@
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from dldsim.report.style import key, legend, multiples, shades_of, styled
 
 
 @styled
 def draw_curves(calibration: pd.DataFrame) -> Figure:
-    """Index against k_s with its scatter, a panel per assay and a line per cell; below each the
-    change from the softest to the stiffest over the pooled standard deviation."""
+    """Index against k_s with its scatter, a panel per assay and a line per cell; in brackets the
+    change from the softest to the stiffest over the pooled standard deviation, cell by cell."""
     seen = calibration[calibration["deformation_index"].notna()]
     assays = list(dict.fromkeys(seen["assay"]))
     figure, panels = multiples(len(assays), 3, 9.2, 2.6)
@@ -36,9 +37,10 @@ def draw_curves(calibration: pd.DataFrame) -> Figure:
                 powers.append(f"{power:.1f}")
         panel.set_title(f"{assay} (default)" if part["default"].any() else assay)
         panel.set_xscale("log")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         panel.xaxis.set_major_formatter("{x:g}")
         panel.xaxis.set_minor_formatter("")
-        resolved = f"; softest to stiffest: {', '.join(powers)} s.d." if powers else ""
+        resolved = f"   ({', '.join(powers)} s.d.)" if powers else ""
         panel.set_xlabel(f"$k_s$ [µN/m]{resolved}")
         panel.set_ylabel("index")
     legend(figure, [key(c, "o", label=name) for name, c in colours.items()], ncols=4)
