@@ -23,7 +23,7 @@ PACKAGE = Path(laws.__file__).parent
         r"134\.1",
         r"94\.1 /",
         r"\(\"converged\", \"periodic\"",
-        r"\(\"stuck\", \"unstable\", \"failed\"\)",
+        r"\(STUCK, UNSTABLE, \"failed\"\)",
     ],
 )
 def test_a_fact_has_one_home(formula):

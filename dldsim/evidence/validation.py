@@ -141,7 +141,7 @@ CASES = {
     ),
     "sphere-in-channel": Case(
         "Stiff sphere on the axis of a square channel",
-        "cell",
+        "assays",
         "validation_assays.sphere_in_channel",
         "Faxén 1922, Ann. Phys. 373:89; flow: exact Fourier series",
     ),

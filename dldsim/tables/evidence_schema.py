@@ -198,7 +198,7 @@ TABLES = {
         "validation.parquet",
         "validation",
         text("case", "validation case"),
-        text("group", "fluid, membrane, cell or scenes"),
+        text("group", "fluid, membrane, cell, assays or scenes"),
         text("quantity", "what is compared"),
         text("variant", "what tells rows of one quantity apart, such as the kind of bounce-back"),
         text("unit", "unit of value and reference, in words or symbols"),

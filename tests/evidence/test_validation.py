@@ -55,7 +55,11 @@ def references(monkeypatch, tmp_path):
 def test_every_case_has_a_function_that_argues_its_mark(name):
     case = CASES[name]
     assert re.fullmatch(r"[a-z-]+", name)
-    assert case.title and case.source and case.group in ("fluid", "membrane", "cell", "scenes")
+    assert (
+        case.title
+        and case.source
+        and case.group in ("fluid", "membrane", "cell", "assays", "scenes")
+    )
     module, function = case.function.split(".")
     assert module == f"validation_{case.group}" and function.replace("_", "-") == name
     made = getattr(importlib.import_module(f"dldsim.evidence.{module}"), function)
