@@ -5,6 +5,7 @@ PYTHON ?= python3
 VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
+SITE = NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 TOGETHER = -n $(CORES) --dist loadfile
 
 # Snakemake, the kernels and the plots keep caches in the user's home. Without one that can be
@@ -16,7 +17,7 @@ export XDG_CACHE_HOME := $(CURDIR)/$(VENV)/cache
 export XDG_CONFIG_HOME := $(XDG_CACHE_HOME)
 endif
 
-.PHONY: campaign test quick web bench schema data architecture reference clean
+.PHONY: campaign test quick docs web bench schema data architecture reference clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -26,10 +27,14 @@ test: $(VENV)/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt -l 100 --no-sort --check Snakefile workflow
 	$(BIN)/mypy
+	$(SITE) --quiet
 	$(BIN)/python -m pytest -q $(TOGETHER)
 
 quick: $(VENV)/installed-dev  # the tests that take less than a second each
 	$(BIN)/python -m pytest -q $(TOGETHER) -m "not slow and not service"
+
+docs: $(VENV)/installed-dev  # the pages as a site, in build/site
+	$(SITE)
 
 web: $(VENV)/installed-web  # the page and the API that it asks, on localhost
 	$(BIN)/python -m dldsim serve both
@@ -63,6 +68,7 @@ $(VENV)/installed-web: $(VENV)/installed requirements-web.txt
 	$(BIN)/python -m pip install --quiet -r requirements-web.txt
 	touch $@
 
-$(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt requirements-web.txt
+$(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt requirements-docs.txt \
+		requirements-web.txt
 	$(BIN)/python -m pip install --quiet -r requirements-dev.txt
 	touch $@
