@@ -17,7 +17,7 @@ export XDG_CACHE_HOME := $(CURDIR)/$(VENV)/cache
 export XDG_CONFIG_HOME := $(XDG_CACHE_HOME)
 endif
 
-.PHONY: campaign test quick docs web bench schema data architecture reference clean
+.PHONY: campaign test quick docs web bench schema data architecture reference survey clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -44,6 +44,9 @@ bench: $(VENV)/installed
 
 schema: $(VENV)/installed
 	$(BIN)/python -m dldsim.config.schema workflow/schemas/config.schema.json
+
+survey: $(VENV)/installed  # results/survey becomes what every campaign can learn from
+	$(BIN)/python -m dldsim.analysis.learning results/survey
 
 data: $(VENV)/installed  # results/ becomes the campaign that comes with the package
 	$(BIN)/python -m dldsim.design.finished_campaign results

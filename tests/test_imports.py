@@ -55,6 +55,7 @@ LIGHT = {
         )
     ),
     "dldsim.tables.numerics",
+    "dldsim.analysis.learning",
     "dldsim.analysis.uncertainty",
     "dldsim.evidence.accuracy",
     "dldsim.evidence.reference",
@@ -104,6 +105,7 @@ WITHOUT_KERNELS = (
         for name in (
             "candidates",
             "chip",
+            "deformability",
             "finished_campaign",
             "layout",
             "mask",

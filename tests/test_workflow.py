@@ -252,6 +252,25 @@ def test_a_changed_value_reruns_its_dependents_only(finished, change, expected):
     assert planned(finished, "all", config=[*TINY, change]) == expected
 
 
+def test_a_survey_that_is_not_there_is_told_before_anything_runs(finished, monkeypatch, tmp_path):
+    asked = [*TINY, "surrogate={survey: true}"]
+    monkeypatch.setattr("dldsim.analysis.learning.SURVEY", tmp_path / "none.parquet")
+    with pytest.raises(
+        WorkflowError, match="No survey comes with this installation.*survey: false"
+    ):
+        planned(finished, "surrogate", config=asked)
+    assert "surrogate" not in planned(finished, "outcomes", config=asked)  # nor asked for
+    (tmp_path / "some.parquet").write_bytes(b"a survey")
+    monkeypatch.setattr("dldsim.analysis.learning.SURVEY", tmp_path / "some.parquet")
+    after = {"surrogate": 1, "benchmark": 1, "learning_curve": 1, "sensitivity": 1}
+    assert planned(finished, "all", config=asked) == {
+        **after,
+        "designs": 1,
+        "search_regret": 1,
+        **VERIFIED,
+    }
+
+
 def test_the_file_that_the_user_names_wins_over_the_preset(tmp_path):
     """Of a file with presets of its own, the preset in force wins over its shared sections."""
     folder = copy_workflow(tmp_path)
@@ -369,7 +388,7 @@ EVERYTHING = (
     "assay_study",
 )
 OUTCOME = {"cell", "flow", "numerics", "run_control", "stiffness_sets"}
-DESIGN = {"seed", "flow", "device", "design_requests", "sweep"}
+DESIGN = {"seed", "flow", "device", "design_requests", "sweep", "stiffness_sets"}
 NOTHING = (
     "flows",
     "runs",
@@ -384,17 +403,9 @@ NOTHING = (
 )
 READS = {
     **dict.fromkeys(NOTHING, set()),
+    **dict.fromkeys(("anova", "spot_check", "spot_check_plan"), {"seed"}),
     **dict.fromkeys(
-        (
-            "anova",
-            "benchmark",
-            "learning_curve",
-            "surrogate",
-            "verifications",
-            "spot_check",
-            "spot_check_plan",
-        ),
-        {"seed"},
+        ("benchmark", "learning_curve", "surrogate", "verifications"), {"seed", "surrogate"}
     ),
     **dict.fromkeys(("simulate_outcome", "spot_check_run"), OUTCOME),
     **dict.fromkeys(
@@ -419,7 +430,7 @@ READS = {
     "calibration_library": {"default_assay", "stiffness_sets", "calibration_library"},
     "assay_study": {"default_assay", "stiffness_sets"},
     "sensitivity": {"seed", "fabrication"},
-    "verify": OUTCOME | DESIGN | {"verification"},
+    "verify": OUTCOME | DESIGN | {"verification", "surrogate"},
     "accuracy_run": OUTCOME | {"accuracy", "constriction", "constriction_groups"},
     "accuracy": {"accuracy", "cell", "numerics", "run_control", "constriction"},
     "stability_family": {"cell", "flow", "numerics", "stiffness_sets", "constriction_groups"},
@@ -460,6 +471,7 @@ CHANGES = {
     "reference": "reference={releases: [0.2, 0.5]}",
     "survey": "survey={shapes: {biconcave: {round_points: 2}}}",
     "limits": "limits={memory_GB: 15}",
+    "surrogate": "surrogate={survey: true}",
 }
 
 
@@ -532,7 +544,11 @@ def unchanged(finished):
 
 
 @pytest.mark.parametrize("section", [name for name in Config.model_fields if name != "preset"])
-def test_a_rule_hands_out_what_its_jobs_read_and_nothing_more(finished, unchanged, section):
+def test_a_rule_hands_out_what_its_jobs_read_and_nothing_more(
+    finished, unchanged, section, monkeypatch, tmp_path
+):
+    (tmp_path / "some.parquet").write_bytes(b"a survey")
+    monkeypatch.setattr("dldsim.analysis.learning.SURVEY", tmp_path / "some.parquet")
     changed = handed_out(finished, config=[*TINY, CHANGES[section]])
     differing = {job[0] for job, given in unchanged.items() if changed.get(job, given) != given}
     assert differing == {rule for rule, sections in READS.items() if section in sections}

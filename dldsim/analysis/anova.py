@@ -14,31 +14,34 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.design_matrix import ANGLE, DEFORMATION, Term, aliased, label, rank, width
+from dldsim.analysis.anova_rows import WHERE, conditions, doubts_of_unit, usable
+from dldsim.analysis.design_matrix import (
+    ANGLE,
+    DEFORMATION,
+    LOG_CAPILLARY,
+    NUMERIC,
+    Term,
+    aliased,
+    label,
+    rank,
+    width,
+)
 from dldsim.analysis.permutation import permutation
 from dldsim.errors import DldsimError
-from dldsim.tables.user_table import as_keys, as_numbers, check_plausible, need
+from dldsim.tables.user_table import as_numbers
 from dldsim.vocabulary import GEOMETRY
 
-NEEDED = [*GEOMETRY, DEFORMATION, ANGLE]
-CONDITIONS = ["cell_radius_um", "cell_shape", "height_um", "mean_velocity_mm_s"]
-"""What else changes the angle, and is no factor here."""
-WHERE = "Analysis of variance"
-
 MODELS = ("main_effects", "seed_interactions", "hierarchical")
+BY_CAPILLARY = "_ca"
+"""How the name of a model ends that has ln Ca in place of the deformation index."""
 SEED_NOTE = (
     "the source paper's model, for comparison only: without main effects the interactions absorb "
     "them, and the first one also holds the overall slope of deformation_index"
 )
 MIN_RESIDUAL_DF = 5
 """Two-way interactions of the geometry enter the hierarchical model if as many are left."""
-ROWS_MOST = 200_000
-LEVELS_MOST = 60
 DESIGN_MOST = 3e7
-"""Rows, levels of a factor, and values of a design matrix that an analysis takes: they bound its
-time and memory."""
-BUMP_SEEN = 0.1
-"""If no angle exceeds this share of full bump, they may be given in radians."""
+"""Values of a design matrix that an analysis takes: they bound its time and memory."""
 
 
 def anova(frame: pd.DataFrame, seed: int = 1) -> pd.DataFrame:
@@ -56,7 +59,9 @@ def analyse(frame: pd.DataFrame, seed: int = 1) -> tuple[pd.DataFrame, pd.DataFr
     the deformation index does. Radius, gap and periodicity are categories, the deformation
     index a number. Three models: main effects; the source paper's interactions without main
     effects; the hierarchical one with main effects, their interactions with the deformation index
-    and, if the design allows, the two-way interactions of the geometry. Before each the rank of
+    and, if the design allows, the two-way interactions of the geometry. Where each row tells its
+    capillary number, and these differ, the first and the last again with ln Ca in place of the
+    index, their names ending in BY_CAPILLARY. Before each the rank of
     the design matrix is checked: aliased factors are named, merged into one joint factor
     ("a & b") and tested together; what cannot be tested has null numbers and a note. So has every
     group of rows that is left out (term `rows`).
@@ -68,30 +73,67 @@ def analyse(frame: pd.DataFrame, seed: int = 1) -> tuple[pd.DataFrame, pd.DataFr
     Raises DldsimError for missing columns, values that a column cannot hold, rows that are there
     twice, no usable rows or a constant response.
     """
-    data, _, notes = usable(frame, seed)
+    data, places, notes = usable(frame, seed)
     if np.ptp(data[ANGLE]) <= 1e-12 * np.abs(data[ANGLE]).max():
         raise DldsimError(
             f"{WHERE}: migration_angle_deg is {data[ANGLE].iloc[0]:g} in all "
             f"{len(data)} rows; there is no variance to analyse. Widen the sweep."
         )
-    notes += _conditions(frame) + [(ANGLE, note) for note in _doubts_of_unit(data)]
-    factors, has_index, gate_notes = _separable(data)
-    notes += gate_notes
+    notes += conditions(frame) + [(ANGLE, note) for note in doubts_of_unit(data)]
+    found = _models(data, DEFORMATION, notes, seed)
+    capillary = _capillary(frame, places)
+    if capillary is not None:
+        data[LOG_CAPILLARY] = np.log(capillary)
+        told = [note for note in notes if note[0] != "mean_velocity_mm_s"]  # it is in Ca
+        beside = _models(data, LOG_CAPILLARY, told, seed)
+        for part in beside:
+            for row in part:
+                row["model"] += BY_CAPILLARY
+        found = [[*first, *second] for first, second in zip(found, beside, strict=True)]
+    rows, tests = found
+    return (
+        pd.DataFrame(rows),
+        pd.DataFrame(tests, columns=["model", "test", "statistic", "p_value", "meaning"]),
+    )
+
+
+def _capillary(frame: pd.DataFrame, places: np.ndarray) -> np.ndarray | None:
+    """Capillary numbers of these rows; None where not each has one, or all have the same."""
+    if "capillary_number" not in frame:
+        return None
+    values = as_numbers(frame["capillary_number"].reset_index(drop=True), WHERE).to_numpy()[places]
+    told = np.isfinite(values).all() and (values > 0).all() and np.ptp(values) > 0
+    return values if told else None
+
+
+def _models(
+    data: pd.DataFrame, number: str, notes: Sequence[tuple[str, str]], seed: int
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Rows of all models with this number as a factor, and of the tests of their residuals.
+
+    ln Ca has no model of the source's form: its tables are about the deformation index.
+    """
+    models = [m for m in MODELS if number == DEFORMATION or m != "seed_interactions"]
+    data = data.copy()
+    factors, has_number, gate_notes = _separable(data, number)
     for joint, members in factors.items():
         data[joint] = data.groupby(members).ngroup()
-    main = [(name,) for name in factors] + [(DEFORMATION,)] * has_index
-    design = data[[*factors, DEFORMATION]].drop_duplicates()
-    rows = [_row(model, term, note) for model in MODELS for term, note in notes]
+    main = [(name,) for name in factors] + [(number,)] * has_number
+    design = data[[*factors, number]].drop_duplicates()
+    rows = [_row(model, term, note) for model in models for term, note in [*notes, *gate_notes]]
     tests: list[dict[str, Any]] = []
     rows += _fit("main_effects", data, main, tests, seed)
 
-    slopes = [(DEFORMATION, name) for name in factors] if has_index else []
-    if not slopes:
-        rows.append(_row("seed_interactions", "all", "no interaction with deformation_index"))
-    elif rank(design, [(DEFORMATION,), *slopes]) < 1 + width(design, [(DEFORMATION,), *slopes]):
-        rows.append(_row("seed_interactions", "all", "not estimable: the design is rank-deficient"))
-    else:
-        rows += _fit("seed_interactions", data, slopes, tests, seed, SEED_NOTE)
+    slopes = [(number, name) for name in factors] if has_number else []
+    if number == DEFORMATION:
+        if not slopes:
+            why = "no interaction with deformation_index"
+            rows.append(_row("seed_interactions", "all", why))
+        elif rank(design, [(number,), *slopes]) < 1 + width(design, [(number,), *slopes]):
+            why = "not estimable: the design is rank-deficient"
+            rows.append(_row("seed_interactions", "all", why))
+        else:
+            rows += _fit("seed_interactions", data, slopes, tests, seed, SEED_NOTE)
 
     pairs = list(combinations(factors, 2))
     columns = 1 + width(design, main + slopes + pairs)
@@ -112,186 +154,45 @@ def analyse(frame: pd.DataFrame, seed: int = 1) -> tuple[pd.DataFrame, pd.DataFr
     rows += [_row("hierarchical", label(term), note) for term, note in left_out]
     rows += _fit("hierarchical", data, terms, tests, seed)
     order = {model: i for i, model in enumerate(MODELS)}
-    return (
-        pd.DataFrame(sorted(rows, key=lambda row: order[row["model"]])),
-        pd.DataFrame(tests, columns=["model", "test", "statistic", "p_value", "meaning"]),
-    )
+    return sorted(rows, key=lambda row: order[row["model"]]), tests
 
 
-def usable(
-    frame: pd.DataFrame, seed: int = 1
-) -> tuple[pd.DataFrame, np.ndarray, list[tuple[str, str]]]:
-    """Rows with all numbers, their places in the table, and notes (term, text) on the others."""
-    need(frame, NEEDED, WHERE)
-    data = pd.DataFrame({n: as_numbers(frame[n].reset_index(drop=True), WHERE) for n in NEEDED})
-    if len(frame) and data[DEFORMATION].isna().all():
-        raise DldsimError(
-            f"{WHERE}: deformation_index is null in all rows. Join the table with the calibration "
-            "first (the campaign's gather rule does), or fill the column with the deformation "
-            "index of each cell."
-        )
-    for name in NEEDED:
-        check_plausible(data[name], WHERE)
-    reasons = pd.Series(None, data.index, dtype=object)
-    for name in NEEDED:
-        reasons[reasons.isna() & data[name].isna()] = f"no {name}"
-        reasons[reasons.isna() & np.isinf(data[name])] = f"infinite {name}"
-    notes = []
-    sets = (
-        as_keys(frame["stiffness_set"].reset_index(drop=True))
-        if "stiffness_set" in frame
-        else pd.Series(None, data.index, dtype=object)
-    )
-    if sets.isna().all():
-        notes.append(
-            (
-                "stiffness_set",
-                "none in the table: rows of one deformation_index count as one cell type",
-            )
-        )
-        sets = data[DEFORMATION].map("{:.12g}".format)
-    reasons[reasons.isna() & sets.isna()] = "no stiffness_set"
-    data["stiffness_set"] = sets
-    counts = reasons.value_counts(sort=False)
-    notes += [
-        (
-            "rows",
-            f"{count} of {len(data)} rows left out: {reason}"
-            + _statuses(frame, (reasons == reason).to_numpy()),
-        )
-        for reason, count in counts.items()
-    ]
-    if reasons.notna().all():
-        causes = "".join(f" ({count}: {reason})" for reason, count in counts.items())
-        raise DldsimError(
-            f"{WHERE}: none of the {len(frame)} rows has all of "
-            f"{', '.join(NEEDED)}.{causes} Fill the columns."
-        )
-    places = np.flatnonzero(reasons.isna())
-    _refuse_doubled(frame, places)
-    if len(places) > ROWS_MOST:
-        drawn = data.iloc[np.random.default_rng(seed).permutation(places)]
-        repeat = drawn.groupby([*GEOMETRY, DEFORMATION, "stiffness_set"]).cumcount()
-        each = max(1, ROWS_MOST // int((repeat == 0).sum()))  # of each cell equally many
-        kept = np.sort(drawn.index[repeat < each][:ROWS_MOST])
-        notes.append(
-            (
-                "rows",
-                f"{len(places) - len(kept)} of {len(data)} rows left out: at most "
-                f"{ROWS_MOST} are analysed, {each} of each array and cell, drawn at random "
-                f"(seed {seed}) to bound the time",
-            )
-        )
-        places = kept
-    data = data.iloc[places].reset_index(drop=True)
-    crowded = [n for n in GEOMETRY if data[n].nunique() > LEVELS_MOST]
-    if crowded:
-        raise DldsimError(
-            f"{WHERE}: {crowded[0]} has {data[crowded[0]].nunique()} different values; each is a "
-            f"level of its own, and at most {LEVELS_MOST} are taken. Round the column, or bin it."
-        )
-    return data, places, notes
-
-
-def _statuses(frame: pd.DataFrame, rows: np.ndarray) -> str:
-    """Statuses of these rows with their counts, if the table tells them."""
-    if "status" not in frame:
-        return ""
-    counts = frame["status"].reset_index(drop=True)[rows].value_counts()
-    return f" ({', '.join(f'status {name}: {count}' for name, count in counts.items())})" * bool(
-        len(counts)
-    )
-
-
-def _refuse_doubled(frame: pd.DataFrame, places: np.ndarray) -> None:
-    """Raise DldsimError if rows are equal in all columns."""
-    rows = frame.iloc[places]
-    try:
-        doubled = rows.duplicated(keep=False).to_numpy()
-    except TypeError:  # lists
-        rows = rows.astype(str)
-        doubled = rows.duplicated(keep=False).to_numpy()
-    if doubled.any():
-        first = rows[doubled].iloc[0]
-        same = places[np.flatnonzero((rows.astype(str) == first.astype(str)).all(axis=1))][:2] + 1
-        again = int(rows.duplicated().sum())
-        raise DldsimError(
-            f"{WHERE}: rows {same[0]} and {same[-1]} below the header are equal in all columns "
-            f"({again} rows repeat others). A row that is counted twice makes effects look surer "
-            "than they are: leave one of each. If they are repeated measurements that agree, add a "
-            "column that tells them apart, such as replicate."
-        )
-
-
-def _conditions(frame: pd.DataFrame) -> list[tuple[str, str]]:
-    return [
-        (
-            name,
-            f"{frame[name].nunique()} different values in the table; the models do not know "
-            "it, so that its effect is in the residual or in what goes along with it",
-        )
-        for name in CONDITIONS
-        if name in frame and frame[name].nunique() > 1
-    ]
-
-
-def share_of_bump(data: pd.DataFrame) -> pd.Series:
-    """Angles over that of full bump."""
-    return data[ANGLE] / np.degrees(np.arctan(1 / data["periodicity"]))
-
-
-def _doubts_of_unit(data: pd.DataFrame) -> list[str]:
-    """What speaks against degrees, counted along the row shift; F and p do not depend on it."""
-    share = share_of_bump(data)
-    low, high, most = share.min(), share.max(), share.abs().max()
-    said = (
-        f"the angles reach from {data[ANGLE].min():.3g}° to {data[ANGLE].max():.3g}°, "
-        f"{low:.2g} to {high:.2g} of full bump: "
-    )
-    unit = "; sums of squares are in the square of the column's unit, F and p do not depend on it"
-    if most > 1.5:
-        return [f"{said}no array moves cells so far; look at the unit, and at single rows{unit}"]
-    if low < -0.5:
-        return [f"{said}against the row shift; look at the sign{unit}"]
-    if most <= BUMP_SEEN and BUMP_SEEN < np.degrees(most) <= 1.5:
-        return [f"{said}if the column holds radians, multiply it by 57.2958{unit}"]
-    return []
-
-
-def _separable(data: pd.DataFrame) -> tuple[dict[str, list[str]], bool, list[tuple[str, str]]]:
+def _separable(
+    data: pd.DataFrame, number: str
+) -> tuple[dict[str, list[str]], bool, list[tuple[str, str]]]:
     """Factors (label → columns) with main effects that the design can tell apart.
 
-    Also whether the deformation index has an effect of its own, and notes on what it has not.
+    Also whether the number has an effect of its own, and notes on what it has not.
     """
     notes = [
         (name, f"only one level ({data[name].iloc[0]:g}): no effect to estimate")
-        for name in [*GEOMETRY, DEFORMATION]
+        for name in [*GEOMETRY, number]
         if data[name].nunique() == 1
     ]
     constant = [name for name, _ in notes]
     groups = [[name] for name in GEOMETRY if name not in constant]
-    has_index = DEFORMATION not in constant
+    has_number = number not in constant
     while True:
-        work = data[[*GEOMETRY, DEFORMATION]].drop_duplicates()
+        work = data[[*GEOMETRY, number]].drop_duplicates()
         labels = {}
         for group in groups:
             labels[" & ".join(group)] = group
             work[" & ".join(group)] = work.groupby(group).ngroup()
-        terms = [(label,) for label in labels] + [(DEFORMATION,)] * has_index
+        terms = [(label,) for label in labels] + [(number,)] * has_number
         found = aliased(work, terms)
         if not found:
-            return labels, has_index, notes
+            return labels, has_number, notes
         names = [term[0] for term in found]
-        if has_index and DEFORMATION in names:
-            others = ", ".join(name for name in names if name != DEFORMATION)
+        if has_number and number in names:
+            others = ", ".join(name for name in names if name != number)
             notes.append(
                 (
-                    DEFORMATION,
+                    number,
                     f"follows from {others} in this table: not separable, its "
                     "effect is inside those factors",
                 )
             )
-            has_index = False
+            has_number = False
             continue
         merged, why = _most_aliased(work, names)
         members = [name for name in GEOMETRY if any(name in labels[label] for label in merged)]
@@ -374,7 +275,7 @@ def _fit(
     from statsmodels.stats.anova import anova_lm
 
     names = {name: f"v{i}" for i, name in enumerate(dict.fromkeys(sum(terms, ())))}
-    code = {n: v if n == DEFORMATION else f"C({v})" for n, v in names.items()}
+    code = {n: v if n in NUMERIC else f"C({v})" for n, v in names.items()}
     formula = "y ~ " + " + ".join(":".join(code[name] for name in term) for term in terms)
     fit = ols(formula, data.rename(columns=names | {ANGLE: "y"})).fit()
     table = anova_lm(fit, typ=2)

@@ -1,6 +1,7 @@
 """Design matrices of linear models of the migration angle: columns, ranks, what is aliased.
 
-Radius, gap and periodicity are categories, the deformation index is a number.
+Radius, gap and periodicity are categories; the deformation index and the logarithm of the
+capillary number are numbers.
 """
 
 from collections.abc import Sequence
@@ -8,7 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-DEFORMATION = "deformation_index"
+DEFORMATION, LOG_CAPILLARY = "deformation_index", "log_capillary_number"
+NUMERIC = (DEFORMATION, LOG_CAPILLARY)
+"""Factors that are numbers; a model has one of them at most."""
 ANGLE = "migration_angle_deg"
 
 Term = tuple[str, ...]
@@ -20,7 +23,7 @@ def columns(data: pd.DataFrame, term: Term) -> np.ndarray:
     block = np.ones((len(data), 1))
     for name in term:
         part = data[[name]].to_numpy(float)
-        if name != DEFORMATION:
+        if name not in NUMERIC:
             part = (part == np.unique(part)[1:]).astype(float)
         block = (block[:, :, None] * part[:, None, :]).reshape(len(data), -1)
     return block
@@ -28,7 +31,7 @@ def columns(data: pd.DataFrame, term: Term) -> np.ndarray:
 
 def width(data: pd.DataFrame, terms: Sequence[Term]) -> int:
     """Number of design columns of these terms, without the intercept."""
-    levels = {n: 1 if n == DEFORMATION else data[n].nunique() - 1 for t in terms for n in t}
+    levels = {n: 1 if n in NUMERIC else data[n].nunique() - 1 for t in terms for n in t}
     return sum(int(np.prod([levels[n] for n in term])) for term in terms)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis.calibration import DEFORMATION, MODULI, POINT, check_columns
-from dldsim.config.assay_sections import TableAssay
+from dldsim.config.assay_sections import CIRCULARITY, TableAssay
 from dldsim.config.assays import NOTHING, OFFSET, ORIENTATION, RELEASE, SIZE
 from dldsim.config.sections import Stiffness
 from dldsim.errors import DldsimError
@@ -28,8 +28,6 @@ SETTINGS = [
     "viscosity_mPa_s",
 ]
 ROUNDNESS = "circularity_index"
-CIRCULARITY = "-circularity"
-"""Ending of the name of an assay whose index is 1 − circularity."""
 BOX, ELONGATION, OUTLINE = (
     "(a − b)/(a + b) of the bounding box",
     "(L − W)/(L + W), L along the flow",

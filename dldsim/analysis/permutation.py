@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.design_matrix import ANGLE, DEFORMATION, Term, basis, label, width
+from dldsim.analysis.design_matrix import ANGLE, NUMERIC, Term, basis, label, width
 from dldsim.vocabulary import GEOMETRY
 
 PERMUTATIONS = 999
@@ -25,10 +25,10 @@ def permutation(
 
     The residuals of the model without the term (and without what contains it) are permuted and put
     back on its fit. Rows of one geometry share most of their lack of fit, hence what is permuted
-    are whole geometries, with all their stiffness sets; for the deformation index alone, the sets
-    within each geometry, each with its repeats. Only geometries with all sets, each in the same
-    number of rows, take part. The notes say why there is none, or why there are fewer permutations
-    than PERMUTATIONS: they are as many as VALUES and PRODUCTS allow.
+    are whole geometries, with all their stiffness sets; for the deformation index or ln Ca alone,
+    the sets within each geometry, each with its repeats. Only geometries with all sets, each in the
+    same number of rows, take part. The notes say why there is none, or why there are fewer
+    permutations than PERMUTATIONS: they are as many as VALUES and PRODUCTS allow.
     """
     sets = data["stiffness_set"].nunique()
     group = data.groupby(GEOMETRY).ngroup()
@@ -56,8 +56,9 @@ def permutation(
             "needed"
         ]
     cells = work.groupby(["group", "stiffness_set"], as_index=False, sort=True)
-    if (cells[DEFORMATION].nunique()[DEFORMATION] > 1).any():
-        return {}, ["no p by permutation: deformation_index differs among repeats of a cell"]
+    for number in (n for n in NUMERIC if (n,) in terms):
+        if (cells[number].nunique()[number] > 1).any():
+            return {}, [f"no p by permutation: {number} differs among repeats of a cell"]
     # repeats move with their cell, so that their scatter stays what it is, and their mean counts
     scatter = float((cells[ANGLE].var(ddof=0)[ANGLE] * repeats).sum())
     work = cells.first().assign(**{ANGLE: cells[ANGLE].mean()[ANGLE] * repeats**0.5})
@@ -85,7 +86,7 @@ def permutation(
     swaps = (np.arange(count)[:, None] * sets + within).reshape(draws, -1)
     found = {}
     for term in terms:
-        alone = term == (DEFORMATION,)
+        alone = len(term) == 1 and term[0] in NUMERIC
         if alone and sets < 2:
             notes.append(f"{label(term)}: no p by permutation with one cell per geometry")
             continue

@@ -4,22 +4,28 @@ Everything here is a property of the fitted surrogate, not of the simulation its
 what share of the points asked for lies inside the domain in which the surrogate interpolates.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.anova import share_of_bump, usable
-from dldsim.analysis.regressors import ANGLE, CONDITIONS, INPUTS, angle_of, learnable, share_of
+from dldsim.analysis.features import (
+    CELL,
+    INPUTS,
+    CellInFlow,
+    angle_of,
+    cells_of,
+    learnable,
+    share_of,
+)
 from dldsim.analysis.robustness import axes_of
-from dldsim.analysis.surrogate import Surrogate, fit
+from dldsim.analysis.surrogate import Surrogate
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import BUMP_FROM, ZIGZAG_TO
-from dldsim.tables.user_table import as_numbers, check_plausible
 from dldsim.vocabulary import GEOMETRY
 
-DEFORMATION = "deformation_index"
+Asked = Callable[..., np.ndarray]
 SOBOL_POINTS = 1024
 BOOTSTRAP = 200
 CONFIDENCE = 0.95
@@ -28,16 +34,13 @@ PAIRS = (
     ("periodicity", "gap_um"),
     ("periodicity", "pillar_radius_um"),
     ("pillar_radius_um", "gap_um"),
-    ("deformation_index", "gap_um"),
+    ("capillary_number", "gap_um"),
 )
 """Pairs of the maps; the first two are the source paper's."""
 DRAWS = 400
 MOVED_DEG = 0.5
 """A change of the angle by more than this counts as moved."""
 MODES = ("zigzag", "mixed", "bump")
-WHERE = "Sobol indices"
-LEARNT = 500
-"""Arrays of a user's table that a surrogate is fitted to at most."""
 
 
 def modes_of(share) -> np.ndarray:
@@ -59,43 +62,44 @@ def examine(
 
 
 def sobol(surrogate: Surrogate, outcomes: pd.DataFrame, seed: int) -> pd.DataFrame:
-    """Sobol indices of the predicted angle, a table of kind `sobol`.
+    """Sobol indices of the predicted angle, a table of kind `sobol`; see `indices`."""
+    return indices(learnable(outcomes), CELL, surrogate.predict, surrogate.inside_domain, seed)
 
-    Inputs are independent and uniform between the least and largest values of the outcomes (N_p
-    over whole numbers); parameters that determine each other in them (gap = radius + 10 µm) are one
-    input, and the others follow from the first by interpolation between outcomes. First order: the
-    share of the variance due to an input alone; total order: with all interactions it takes part
-    in. Over a Sobol sequence, with bootstrap intervals of level CONFIDENCE.
+
+def indices(
+    data: pd.DataFrame, cell: Sequence[str], predict: Asked, inside: Asked, seed: int
+) -> pd.DataFrame:
+    """Sobol indices of a predicted angle over the inputs that vary in `data`.
+
+    ``cell``: columns of what moves, in the order of `CellInFlow`; ``predict`` and ``inside`` are
+    asked with (P_r, P_g, N_p, cell). Inputs are independent and uniform between the least and
+    largest values of the outcomes, Ca in its logarithm, N_p over whole numbers, shapes each as
+    often; parameters that determine each other in them (gap = radius + 10 µm) are one input, and
+    the others follow from the first by interpolation between outcomes. First order: the share of
+    the variance due to an input alone; total order: with all interactions it takes part in. Over a
+    Sobol sequence, with bootstrap intervals of level CONFIDENCE.
+
+    Raises DldsimError if the prediction does not vary.
     """
     from scipy.stats import qmc
 
-    data = learnable(outcomes)
-    cell = float(data["cell_radius_um"].iloc[0])
-    factors = axes_of(data) + ([[DEFORMATION]] if data[DEFORMATION].nunique() > 1 else [])
-    fixed = {name: float(data[name].iloc[0]) for name in [*GEOMETRY, DEFORMATION]}
+    factors = axes_of(data) + [[name] for name in cell if data[name].nunique() > 1]
+    fixed = {name: data[name].iloc[0] for name in [*GEOMETRY, *cell]}
 
-    def values_of(unit: np.ndarray) -> dict[str, np.ndarray]:
+    def at(unit: np.ndarray) -> tuple:
         """Inputs at points (number of factors, n) of the unit cube."""
         values = {name: np.full(unit.shape[1], value) for name, value in fixed.items()}
         for factor, u in zip(factors, unit, strict=True):
             lead = factor[0]
-            low, high = data[lead].min(), data[lead].max()
-            if lead == "periodicity":
-                values[lead] = np.minimum(np.floor(low + u * (high - low + 1)), high)
-            else:
-                values[lead] = low + u * (high - low)
+            values[lead] = _spread_out(data[lead], u)
             values |= _followers(data, factor, lead, values[lead])
-        return values
-
-    def angle(unit: np.ndarray) -> np.ndarray:
-        values = values_of(np.atleast_2d(unit))
-        return surrogate.predict(*(values[n] for n in [*GEOMETRY, DEFORMATION]), cell)
+        return *(values[n] for n in GEOMETRY), CellInFlow(*(values[n] for n in cell))
 
     count = len(factors)
     design = qmc.Sobol(2 * count, rng=np.random.default_rng(seed)).random(SOBOL_POINTS).T
     first, second = design[:count], design[count:]
     mixed = [np.where(np.arange(count)[:, None] == i, second, first) for i in range(count)]
-    values = np.array([angle(unit) for unit in (first, second, *mixed)])
+    values = np.array([predict(*at(unit)) for unit in (first, second, *mixed)])
     if not factors or np.ptp(values) < 1e-9:
         raise DldsimError(
             "Sobol indices: the surrogate predicts the same angle everywhere; there "
@@ -106,9 +110,6 @@ def sobol(surrogate: Surrogate, outcomes: pd.DataFrame, seed: int) -> pd.DataFra
     sampled = np.array([_indices(values[:, rows]) for rows in draws])  # (draws, order, factor)
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(sampled, [tail, 1 - tail], axis=0)
-    inside = surrogate.inside_domain(
-        *(values_of(first)[n] for n in [*GEOMETRY, DEFORMATION]), cell
-    ).mean()
     table = {"factor": [" & ".join(factor) for factor in factors]}
     for i, (name, value) in enumerate(zip(("first", "total"), _indices(values), strict=True)):
         table |= {
@@ -116,7 +117,21 @@ def sobol(surrogate: Surrogate, outcomes: pd.DataFrame, seed: int) -> pd.DataFra
             f"{name}_order_low": low[i],
             f"{name}_order_high": high[i],
         }
-    return pd.DataFrame(table).assign(points=SOBOL_POINTS, inside_share=float(inside))
+    share = float(np.mean(inside(*at(first))))
+    return pd.DataFrame(table).assign(points=SOBOL_POINTS, inside_share=share)
+
+
+def _spread_out(values: pd.Series, unit: np.ndarray) -> np.ndarray:
+    """Values of an input over its range, at places 0 to 1."""
+    if values.name == "cell_shape":
+        names = np.unique(values)
+        return names[np.minimum((unit * len(names)).astype(int), len(names) - 1)]
+    low, high = values.min(), values.max()
+    if values.name == "periodicity":
+        return np.minimum(np.floor(low + unit * (high - low + 1)), high)
+    if values.name == "capillary_number":
+        return low * (high / low) ** unit
+    return low + unit * (high - low)
 
 
 def _followers(data: pd.DataFrame, factor: list[str], lead: str, values) -> dict[str, np.ndarray]:
@@ -139,58 +154,6 @@ def _indices(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def sobol_of_table(frame: pd.DataFrame, seed: int) -> tuple[pd.DataFrame, list[str]]:
-    """Sobol indices of anybody's table with the columns that `anova` needs, and notes.
-
-    A surrogate is fitted first, to the rows that `anova` uses. It knows angles between zigzag and
-    full bump, while the indices of an angle do not depend on its unit or sign, so that it is given
-    angles scaled and turned to reach from there to there: the largest becomes full bump. Rows of
-    the same inputs are averaged, and of many rows those of LEARNT arrays are taken, drawn at
-    random. Where the table tells no cell radius, half of the mean gap is assumed: a common radius
-    cancels in every feature but for constants.
-
-    Raises DldsimError as `usable` and `surrogate.fit` do, and if the surrogate does not vary.
-    """
-    data, places, notes = usable(frame, seed)
-    notes = [f"{term}: {note}" for term, note in notes]
-    data = data.assign(cell_radius_um=np.exp(np.log(data["gap_um"]).mean()) / 2, status="decided")
-    if "cell_radius_um" in frame and frame["cell_radius_um"].notna().any():
-        radius = as_numbers(frame["cell_radius_um"].reset_index(drop=True), WHERE)
-        check_plausible(radius, WHERE)
-        data["cell_radius_um"] = radius.to_numpy()[places]
-    for name in CONDITIONS:
-        if name in frame:
-            given = frame[name].iloc[places].astype(object)
-            data[name] = given.where(given.notna(), None).to_numpy()
-    unusable = ~np.isfinite(data["cell_radius_um"])
-    if unusable.any():
-        notes.append(f"rows: {int(unusable.sum())} of {len(data)} rows left out: no cell_radius_um")
-        data = data[~unusable]
-    share = share_of_bump(data)
-    scale = np.abs(share).max()
-    if scale > 0:
-        data[ANGLE] *= (-1 if share.mean() < 0 else 1) / scale
-    if share.mean() < 0:
-        notes.append(f"{ANGLE}: counted against the row shift, turned for the surrogate")
-    same = [*INPUTS, *(name for name in CONDITIONS if name in data)]
-    means = data.groupby(same, as_index=False, dropna=False).agg({ANGLE: "mean", "status": "first"})
-    if len(means) < len(data):
-        notes.append(
-            f"rows: {len(data)} rows are repeats of {len(means)}; the surrogate learns "
-            "from their means"
-        )
-    arrays = means[GEOMETRY].drop_duplicates()
-    if len(arrays) > LEARNT:
-        kept = arrays.sample(LEARNT, random_state=np.random.default_rng(seed))
-        notes.append(
-            f"arrays: {len(arrays) - LEARNT} of {len(arrays)} left out: the surrogate "
-            f"learns from {LEARNT}, drawn at random (seed {seed}) to bound the time"
-        )
-        means = means.merge(kept, on=GEOMETRY)
-    means["outcome_id"] = [f"row{i:06d}" for i in range(len(means))]
-    return sobol(fit(means, seed), means, seed), notes
-
-
 def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataFrame:
     """Predicted angle over pairs of inputs, a table of kind `partial_dependence`.
 
@@ -207,7 +170,7 @@ def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataF
         tied = {name: factor for factor in axes for name in factor if name in pair}
         if (data[list(pair)].nunique() < 2).any() or tied.get(pair[0]) is tied.get(pair[1]):
             continue
-        grids = [_steps(data[name], name == "periodicity") for name in pair]
+        grids = [_steps(data[name]) for name in pair]
         first, second = (v.ravel() for v in np.meshgrid(*grids, indexing="ij"))
         moved = {*pair, *(name for factor in tied.values() for name in factor)}
         others = distinct.drop(columns=list(moved)).drop_duplicates()
@@ -216,7 +179,7 @@ def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataF
             frame[name] = values = np.repeat(values, len(others))
             for other, follows in _followers(data, tied.get(name, []), name, values).items():
                 frame[other] = follows
-        at = [frame[name] for name in INPUTS]
+        at = *(frame[name].to_numpy() for name in GEOMETRY), cells_of(frame)
         inside = surrogate.inside_domain(*at).reshape(len(first), -1)
         angle = surrogate.predict(*at).reshape(len(first), -1)
         share = share_of(angle, frame["periodicity"].to_numpy().reshape(angle.shape))
@@ -236,9 +199,10 @@ def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataF
     return pd.concat(parts, ignore_index=True)
 
 
-def _steps(values: pd.Series, whole: bool) -> np.ndarray:
-    low, high = values.min(), values.max()
-    return np.arange(low, high + 1) if whole else np.linspace(low, high, MAP_STEPS)
+def _steps(values: pd.Series) -> np.ndarray:
+    if values.name == "periodicity":
+        return np.arange(values.min(), values.max() + 1)
+    return _spread_out(values, np.linspace(0, 1, MAP_STEPS))
 
 
 def _mean_where(values: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -264,24 +228,19 @@ def fabrication(
     data = learnable(outcomes)
     draw = np.random.default_rng(seed).standard_normal(DRAWS)
     draw = np.concatenate([draw, -draw])
-    keys = [*GEOMETRY, "stiffness_set", DEFORMATION, "cell_radius_um"]
-    nominal = surrogate.share(*(data[name] for name in INPUTS))
+    keys = [*GEOMETRY, "stiffness_set", "capillary_number", "cell_radius_um"]
+    rows, cells = data["periodicity"].to_numpy(), cells_of(data)
+    nominal = surrogate.share(data["pillar_radius_um"], data["gap_um"], rows, cells)
     parts = []
     for error in errors_um:
         size = error * draw
         radius = np.maximum(data["pillar_radius_um"].to_numpy()[:, None] + size, 1e-3)
         gap = np.maximum(data["gap_um"].to_numpy()[:, None] - 2 * size, 1e-3)
-        at = [radius.ravel(), gap.ravel()]
-        at += [np.repeat(data[name].to_numpy(), len(draw)) for name in INPUTS[2:]]
-        share = surrogate.share(*at).reshape(len(data), -1)
-        rows = data["periodicity"].to_numpy()[:, None]
-        angle, centre = angle_of(share, rows), angle_of(nominal[:, None], rows)
-        quarter = slice(0, len(draw) // 8)
-        inside = surrogate.inside_domain(
-            radius[:, quarter].ravel(),
-            gap[:, quarter].ravel(),
-            *(np.repeat(data[name].to_numpy(), len(draw) // 8) for name in INPUTS[2:]),
-        ).reshape(len(data), -1)
+        share = surrogate.share(*_each(radius, gap, rows, cells)).reshape(len(data), -1)
+        angle, centre = angle_of(share, rows[:, None]), angle_of(nominal, rows)[:, None]
+        part = slice(0, len(draw) // 8)
+        inside = surrogate.inside_domain(*_each(radius[:, part], gap[:, part], rows, cells))
+        inside = inside.reshape(len(data), -1)
         parts.append(
             data[keys].assign(
                 radius_error_um=float(error),
@@ -298,3 +257,10 @@ def fabrication(
             )
         )
     return pd.concat(parts, ignore_index=True)
+
+
+def _each(radius: np.ndarray, gap: np.ndarray, rows: np.ndarray, cells: CellInFlow) -> tuple:
+    """Arguments of a prediction for every size (outcomes, sizes) of the arrays of outcomes."""
+    count = radius.shape[1]
+    repeated = CellInFlow(*(np.repeat(values, count) for values in cells))
+    return radius.ravel(), gap.ravel(), np.repeat(rows, count), repeated

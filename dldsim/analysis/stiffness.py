@@ -1,4 +1,4 @@
-"""Moduli of membranes between the stiffness sets of a campaign."""
+"""Moduli of membranes between the stiffness sets of a campaign, and beyond them."""
 
 from collections.abc import Mapping
 
@@ -7,23 +7,31 @@ import numpy as np
 from dldsim.config.sections import Stiffness
 from dldsim.errors import DldsimError
 
+VISCOUS = "kvisc_nN_s_per_m"
+"""The one coefficient that does not go along with the elastic moduli."""
+
 
 def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) -> Stiffness:
-    """Moduli at a spring constant, linear between the campaign's stiffness sets."""
-    curve = sorted((s.ks_uN_per_m, s) for s in sets.values())
-    ks = [k for k, _ in curve]
-    if not ks[0] <= ks_uN_per_m <= ks[-1]:
+    """Moduli at a spring constant: linear between the campaign's stiffness sets.
+
+    Beyond them the elastic moduli of the nearest set are scaled in proportion, which leaves all
+    ratios of Stokes flow but Ca as they are. ``key``: name of the spring constant in the input, for
+    errors. Raises DldsimError for one that is not positive, and without sets.
+    """
+    curve = sorted((s.ks_uN_per_m, s) for s in sets.values() if s.ks_uN_per_m > 0)
+    if not curve or not ks_uN_per_m > 0:
         raise DldsimError(
-            f"{key}: its stiffness k_s = {ks_uN_per_m:.4g} µN/m is outside the stiffness sets, "
-            f"{ks[0]:g} to {ks[-1]:g} µN/m.",
+            f"{key}: no moduli for k_s = {ks_uN_per_m:.4g} µN/m; they are those of the stiffness "
+            f"sets ({', '.join(sets) or 'none'}) at this k_s.",
             key=key,
             value=ks_uN_per_m,
-            allowed=f"k_s of {ks[0]:g} to {ks[-1]:g} µN/m",
-            remedy="Choose a deformation index between theirs.",
+            allowed="k_s above 0, and a campaign with stiffness sets",
         )
-    return Stiffness(
-        **{
-            name: float(np.interp(ks_uN_per_m, ks, [getattr(s, name) for _, s in curve]))
-            for name in Stiffness.model_fields
-        }
-    )
+    ks = [k for k, _ in curve]
+    near = float(np.clip(ks_uN_per_m, ks[0], ks[-1]))
+    found = {
+        name: float(np.interp(near, ks, [getattr(s, name) for _, s in curve]))
+        for name in Stiffness.model_fields
+    }
+    factor = ks_uN_per_m / near
+    return Stiffness(**{n: v if n == VISCOUS else factor * v for n, v in found.items()})

@@ -1,9 +1,10 @@
 """The surrogate of the migration angle: fitted model, intervals, domain, file and card.
 
-A :class:`dldsim.analysis.regressors.BoundedXGBoost` on all outcomes. Prediction intervals are
-conformal, with geometries (not outcomes) as the units that are exchangeable; their coverage is
-measured on geometries held out. The card says what the model was learnt from, what it scores, and
-where it holds.
+A :class:`dldsim.analysis.regressors.BoundedXGBoost` on all outcomes of a campaign, and of the
+survey where that is learnt from. Prediction intervals are conformal, shape by shape, with
+geometries (not outcomes) as the units that are exchangeable; their coverage is measured on
+geometries held out. The card says what the model was learnt from, what it scores, and where it
+holds.
 """
 
 import copy
@@ -19,39 +20,39 @@ import numpy as np
 import pandas as pd
 
 from dldsim import PHYSICS_VERSION, __version__
-from dldsim.analysis.regressors import (
+from dldsim.analysis import domain
+from dldsim.analysis.benchmark import FOLDS, folds_of, groups_of, pooled, tune
+from dldsim.analysis.features import (
     ANGLE,
-    BASELINE,
-    CONDITIONS,
     FEATURES,
-    FOLDS,
     INPUTS,
+    SHAPES,
+    CellInFlow,
+    angle_of,
+    features,
+    inputs_and_angles,
+    learnable,
+    share_of,
+)
+from dldsim.analysis.learning import SURVEY_SOURCE, with_survey
+from dldsim.analysis.regressors import (
+    BASELINE,
     SURROGATE,
     CriticalDiameterRule,
     TwoLimitCurve,
-    angle_of,
     bounded_share,
-    features,
-    folds_of,
-    groups_of,
-    inputs_and_angles,
-    learnable,
     make_regressors,
-    pooled,
-    share_of,
-    tune,
 )
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 from dldsim.files import atomic_path
+from dldsim.laws import SCATTER_OF_DAVIS, critical_diameter
 from dldsim.vocabulary import DECIDED, GEOMETRY
 
 if TYPE_CHECKING:
     from xgboost import Booster
 
 KIND = "dldsim surrogate of the migration angle"
-DOMAIN_TOLERANCE = 0.02
-"""How far outside the training geometries still counts as inside, in units of their range."""
 LEVELS = (0.68, 0.9)
 """Levels at which the coverage of the intervals is measured."""
 LEVEL = 0.9
@@ -59,6 +60,11 @@ SPREAD_FLOOR = 0.01
 """Least variance of a share in the scores: near the limits errors are small, but not zero."""
 TARGET = {"r2": 0.95, "median_absolute_error_deg": 0.3}
 """What a designer would like on geometries never seen."""
+BEAD = "sphere"
+"""The shape whose stiff limit is a bead."""
+BEAD_ROWS = (5, 8, 12)
+"""Periodicities at which beads are held against the law of the critical diameter."""
+BEAD_STEPS = 200
 
 
 # ------------------------------------------------------------------------------ conformal intervals
@@ -77,6 +83,8 @@ def conformal_factor(scores: list[list[float]], level: float) -> float:
     infinite score stands for the new one (hierarchical conformal prediction, Lee, Barber & Willett,
     arXiv:2306.06342, eq. 4).
     """
+    if not scores:
+        return float("inf")
     values = np.concatenate([np.asarray(s, float) for s in scores])
     weights = np.concatenate([np.full(len(s), 1 / len(s)) for s in scores]) / (len(scores) + 1)
     order = np.argsort(values)
@@ -84,10 +92,27 @@ def conformal_factor(scores: list[list[float]], level: float) -> float:
     return float(values[order][reached[0]]) if reached.size else float("inf")
 
 
-def _scores(predicted: np.ndarray, observed: np.ndarray, groups: np.ndarray) -> list[list[float]]:
-    """Error of shares over its scale, by group."""
+def _scores(
+    predicted: np.ndarray, observed: np.ndarray, groups: np.ndarray, shape: np.ndarray
+) -> dict[str, list[list[float]]]:
+    """Error of shares over its scale, by shape and group."""
     score = np.abs(observed - predicted) / spread_of(predicted)
-    return [score[groups == g].tolist() for g in np.unique(groups)]
+    return {
+        str(name): [score[(shape == name) & (groups == g)].tolist() for g in np.unique(groups[own])]
+        for name in np.unique(shape)
+        for own in [shape == name]
+    }
+
+
+def factors_of(scores: Mapping[str, list[list[float]]], level: float) -> dict[str, float]:
+    """`conformal_factor` of each shape."""
+    return {shape: conformal_factor(own, level) for shape, own in scores.items()}
+
+
+def _reach(factors: Mapping[str, float], shape, share) -> np.ndarray:
+    """Half-width of the interval of shares, (n,); infinite for shapes without scores."""
+    names, where = np.unique(shape, return_inverse=True)
+    return np.array([factors.get(name, np.inf) for name in names])[where] * spread_of(share)
 
 
 @dataclass
@@ -97,25 +122,32 @@ class Surrogate:
     booster: "Booster"
     card: dict[str, Any]
 
-    def share(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
-        """Share of the bump displacement, 0 (zigzag) to 1 (bump), (n,); arguments broadcast."""
-        x = features(pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)
-        return bounded_share(self.booster, TwoLimitCurve.from_state(self.card["curve"]), x)
+    @cached_property
+    def _factors(self) -> dict[float, dict[str, float]]:
+        """Conformal factors by level and shape, as they are asked for."""
+        return {}
 
-    def predict(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
+    @cached_property
+    def _curve(self) -> TwoLimitCurve:
+        return TwoLimitCurve.from_state(self.card["curve"])
+
+    @cached_property
+    def domains(self) -> dict[str, domain.Domain]:
+        """What was learnt of each shape."""
+        return domain.from_state(self.card["domain"])
+
+    def share(self, pillar_radius_um, gap_um, periodicity, cell: CellInFlow) -> np.ndarray:
+        """Share of the bump displacement, 0 (zigzag) to 1 (bump), (n,); arguments broadcast."""
+        x = features(pillar_radius_um, gap_um, periodicity, cell)
+        return bounded_share(self.booster, self._curve, x)
+
+    def predict(self, pillar_radius_um, gap_um, periodicity, cell: CellInFlow) -> np.ndarray:
         """Migration angles [deg], shape (n,); the arguments are broadcast to one length."""
-        at = pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um
-        share = self.share(*at)
+        share = self.share(pillar_radius_um, gap_um, periodicity, cell)
         return angle_of(share, np.broadcast_to(np.atleast_1d(periodicity), share.shape))
 
     def predict_interval(
-        self,
-        pillar_radius_um,
-        gap_um,
-        periodicity,
-        deformation_index,
-        cell_radius_um,
-        level: float = LEVEL,
+        self, pillar_radius_um, gap_um, periodicity, cell: CellInFlow, level: float = LEVEL
     ) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper angle [deg], (n,) each, that hold a new geometry's angle so often.
 
@@ -125,73 +157,49 @@ class Surrogate:
         """
         if not 0 < level < 1:
             raise DldsimError(f"Surrogate: level of an interval must be between 0 and 1: {level}.")
-        at = pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um
+        at = pillar_radius_um, gap_um, periodicity, cell
         share = self.share(*at)
         rows = np.broadcast_to(np.atleast_1d(periodicity), share.shape)
+        shape = np.broadcast_to(np.atleast_1d(np.asarray(cell.shape, str)), share.shape)
         least, largest = self.card["conformal"]["range"]
-        reach = conformal_factor(self.card["conformal"]["scores"], level) * spread_of(share)
+        if level not in self._factors:
+            self._factors[level] = factors_of(self.card["conformal"]["scores"], level)
+        reach = _reach(self._factors[level], shape, share)
         reach = np.where(self.inside_domain(*at), reach, np.inf)
         return (
             angle_of(np.clip(share - reach, least, largest), rows),
             angle_of(np.clip(share + reach, least, largest), rows),
         )
 
-    def inside_domain(
-        self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um
+    def inside_domain(self, pillar_radius_um, gap_um, periodicity, cell: CellInFlow) -> np.ndarray:
+        """Whether the surrogate interpolates, (n,): by shape, arrays, Ca and channel height."""
+        near = self.distance_outside(pillar_radius_um, gap_um, periodicity, cell)
+        shape = np.atleast_1d(np.asarray(cell.shape, str))
+        held = np.zeros(np.broadcast(near, shape, np.atleast_1d(cell.capillary_number)).shape, bool)
+        for name, own in self.domains.items():
+            held |= (shape == name) & own.holds(cell)
+        return held & (near <= domain.DOMAIN_TOLERANCE)
+
+    def distance_outside(
+        self, pillar_radius_um, gap_um, periodicity, cell: CellInFlow
     ) -> np.ndarray:
-        """Whether the surrogate interpolates, (n,): by DI range and hull of the geometries."""
-        radius, gap, rows, index, cell = np.broadcast_arrays(
-            *map(
-                np.atleast_1d,
-                (pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um),
-            )
-        )
-        low, high = self.deformation_index_range
-        slack = DOMAIN_TOLERANCE * (high - low)
-        inside = (index >= low - slack) & (index <= high + slack)
-        points = np.column_stack([radius / cell, gap / cell, rows])
-        unique, where = np.unique(points, axis=0, return_inverse=True)
-        known = np.zeros(len(unique), bool)
-        surely = self._surely_inside(unique)
-        for i in np.flatnonzero(self.may_be_inside(*unique.T, 1.0)):
-            known[i] = surely[i] or self.distance_outside(*unique[i], 1.0) <= DOMAIN_TOLERANCE
-        return inside & known[where.ravel()]
+        """How far arrays lie outside those learnt from for this shape, (n,); see `Domain`.
 
-    @cached_property
-    def _half_spaces(self) -> np.ndarray | None:
-        """Facets (n, 4) of the hull of the training geometries: outward normal and offset.
-
-        In units of the training ranges; None where the geometries lie in a plane or a line.
+        Infinite for a shape that was not learnt.
         """
-        from scipy.spatial import ConvexHull
-
-        known = np.array(self.card["domain"]["geometries"])
-        span = np.ptp(known, axis=0)
-        spread = (known - known.mean(axis=0)) / np.where(span > 0, span, 1)
-        if len(known) < 5 or np.linalg.matrix_rank(spread, tol=1e-9) < 3:
-            return None
-        return np.unique(ConvexHull(known / span).equations.round(12), axis=0)
-
-    def _surely_inside(self, points: np.ndarray) -> np.ndarray:
-        """True where the half-spaces of the hull all hold a point (P_r/R, P_g/R, N_p), (n,).
-
-        All False where the training geometries have no volume; `distance_outside` then decides.
-        """
-        if self._half_spaces is None:
-            return np.zeros(len(points), bool)
-        span = np.ptp(np.array(self.card["domain"]["geometries"]), axis=0)
-        beyond = points / span @ self._half_spaces[:, :3].T + self._half_spaces[:, 3]
-        return (beyond <= 1e-9).all(axis=1)
+        shape = np.atleast_1d(np.asarray(cell.shape, str))
+        place = np.broadcast(*map(np.atleast_1d, (pillar_radius_um, gap_um, periodicity)), shape)
+        found = np.full(place.shape, np.inf)
+        for name, own in self.domains.items():
+            if (shape == name).any():
+                beyond = own.distance_outside(pillar_radius_um, gap_um, periodicity, cell)
+                found = np.where(shape == name, beyond, found)
+        return found
 
     @property
     def holds_for(self) -> str:
-        """Shape of the cell, height and velocity that predictions hold for, in words."""
-        return holds_for(self.card["data"]["conditions"])
-
-    @property
-    def deformation_index_range(self) -> tuple[float, float]:
-        """Least and largest deformation index of the training data."""
-        return tuple(self.card["domain"]["ranges"]["deformation_index"])
+        """Shapes, capillary numbers and channel heights that predictions hold for, in words."""
+        return domain.learnt(self.card["domain"])
 
     @property
     def rmse_deg(self) -> float:
@@ -214,62 +222,6 @@ class Surrogate:
         ]
         return np.array(share) * np.degrees(np.arctan(1 / rows))
 
-    def may_be_inside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um) -> np.ndarray:
-        """False where `distance_outside` surely exceeds DOMAIN_TOLERANCE, (n,); quick.
-
-        By the ranges of the training geometries, and by the plane or line that they may lie in.
-        """
-        known = np.array(self.card["domain"]["geometries"])
-        points = np.column_stack(
-            [
-                np.asarray(pillar_radius_um) / cell_radius_um,
-                np.asarray(gap_um) / cell_radius_um,
-                periodicity,
-            ]
-        )
-        span = np.ptp(known, axis=0)
-        span[span < 1e-9 * np.abs(known).max(axis=0)] = 1e-6
-        off = (points - known.mean(axis=0)) / span
-        spread = (known - known.mean(axis=0)) / span
-        _, sizes, axes = np.linalg.svd(spread, full_matrices=True)
-        flat = axes[np.append(sizes, np.zeros(3 - len(sizes))) < 1e-9]
-        reach = (DOMAIN_TOLERANCE + 1e-9) * np.abs(flat).sum(axis=1)
-        return (
-            (off >= spread.min(axis=0) - DOMAIN_TOLERANCE - 1e-9)
-            & (off <= spread.max(axis=0) + DOMAIN_TOLERANCE + 1e-9)
-        ).all(axis=1) & (np.abs(off @ flat.T) <= reach).all(axis=1)
-
-    def distance_outside(
-        self, pillar_radius_um: float, gap_um: float, periodicity: int, cell_radius_um: float
-    ) -> float:
-        """How far a geometry lies outside the convex hull of the training geometries.
-
-        In units of the training range of (P_r/R, P_g/R, N_p), largest component; 0 inside. The hull
-        tells what ranges do not: outcomes with gap = radius + 10 µm fill a plane, not a box. A
-        parameter that never varied allows no distance at all: then infinity.
-        """
-        from scipy.optimize import linprog
-
-        known = np.array(self.card["domain"]["geometries"])
-        point = np.array([pillar_radius_um / cell_radius_um, gap_um / cell_radius_um, periodicity])
-        span = np.ptp(known, axis=0)
-        fixed = span < 1e-9 * np.abs(known).max(axis=0)
-        if np.any(np.abs(point - known[0])[fixed] > 1e-6 * np.abs(known[0])[fixed]):
-            return np.inf
-        scaled = ((known - point)[:, ~fixed] / span[~fixed]).T
-        if scaled.size == 0 or self._surely_inside(point[None])[0]:
-            return 0.0
-        # least t with |Σ w_i (known_i − point)| ≤ t, w ≥ 0, Σ w = 1
-        column = np.full((len(scaled), 1), -1.0)
-        found = linprog(
-            np.r_[np.zeros(len(known)), 1],
-            A_ub=np.vstack([np.hstack([scaled, column]), np.hstack([-scaled, column])]),
-            b_ub=np.zeros(2 * len(scaled)),
-            A_eq=np.r_[np.ones(len(known)), 0][None],
-            b_eq=[1.0],
-        )
-        return max(0.0, float(found.fun))
-
     def save(self, path: Path, card_path: Path) -> None:
         """Write the model in XGBoost's own JSON format and its card, each whole or not at all."""
         card = {key: value for key, value in self.card.items() if key != "model_sha256"}
@@ -282,48 +234,33 @@ class Surrogate:
                 part.write_bytes(content)
 
 
-SHAPES = {"biconcave": "biconcave discs", "sphere": "spheres", "ellipsoid": "ellipsoids"}
-
-
-def holds_for(conditions: Mapping[str, Any]) -> str:
-    """Conditions that outcomes were made under, of CONDITIONS, in words."""
-    shape = SHAPES.get(conditions.get("cell_shape"), "cells of one shape")
-    known = [
-        text
-        for name, text in (
-            ("height_um", "channel height {:g} µm"),
-            ("mean_velocity_mm_s", "mean velocity {:g} mm/s"),
-        )
-        if name in conditions
-        for text in [text.format(conditions[name])]
-    ]
-    return ", ".join([f"{shape} of the radii named", *known])
-
-
-def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
+def fit(outcomes: pd.DataFrame, seed: int, survey: pd.DataFrame | None = None) -> Surrogate:
     """Fit the surrogate to all usable outcomes; its card holds its error on geometries held out.
 
-    Raises DldsimError for missing columns or too few usable outcomes.
+    Raises DldsimError for missing columns, too few usable outcomes, or a survey of other numerics.
     """
     import xgboost
 
-    data = learnable(outcomes)
+    everything = with_survey(outcomes, survey)
+    data = learnable(everything)
     x, y = inputs_and_angles(data)
     groups, rows = groups_of(data, "geometry"), data["periodicity"].to_numpy(float)
-    share = share_of(y, rows)
-    prototype, grid = make_regressors(seed)[SURROGATE]
+    shape, share = data["cell_shape"].to_numpy(str), share_of(y, rows)
+    prototype, grid, _ = make_regressors(seed)[SURROGATE]
     held_out = np.empty_like(y)
-    covered: dict[float, list] = {level: [] for level in LEVELS}
+    covered = []
     for train, test in folds_of(groups, FOLDS, seed):
         chosen, inner = tune(prototype, grid, x[train], y[train], groups[train], seed)
         held_out[test] = chosen.fit(x[train], y[train]).predict(x[test])
-        known = _scores(share_of(inner, rows[train]), share[train], groups[train])
+        known = _scores(share_of(inner, rows[train]), share[train], groups[train], shape[train])
         predicted = share_of(held_out[test], rows[test])
         for level in LEVELS:
-            reach = conformal_factor(known, level) * spread_of(predicted)
-            covered[level].append(
+            reach = _reach(factors_of(known, level), shape[test], predicted)
+            covered.append(
                 pd.DataFrame(
                     {
+                        "level": level,
+                        "shape": shape[test],
                         "inside": np.abs(share[test] - predicted) <= reach,
                         "geometry": groups[test],
                         "half_width": np.minimum(reach, 1) * np.degrees(np.arctan(1 / rows[test])),
@@ -337,29 +274,26 @@ def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
     frame = pd.DataFrame({"observed_deg": y, "predicted_deg": held_out})
     scores = pooled(frame)
     rule = pooled(frame.assign(predicted_deg=CriticalDiameterRule().predict(x)))
-    ratios = np.column_stack(
-        [
-            data["pillar_radius_um"] / data["cell_radius_um"],
-            data["gap_um"] / data["cell_radius_um"],
-            rows,
-        ]
-    )
     card = {
         "kind": KIND,
         "response": "share of the bump displacement tan(migration angle) N_p",
         "features": FEATURES,
+        "shapes": list(SHAPES),
         "seed": int(seed),
         "curve": model.curve.state(),
         "settings": {"penalty": model.penalty, "trees": model.trees, "depth": model.depth},
         "data": {
             "sha256": _data_hash(data),
-            "outcomes": len(outcomes),
+            "outcomes": len(everything),
             "used": len(data),
             "undecided": int((~data["status"].isin([*DECIDED, "measured"])).sum()),
             "geometries": int(data.groupby(GEOMETRY).ngroups),
-            "conditions": {n: _plain(data[n].iloc[0]) for n in CONDITIONS if n in data},
+            "survey": None if survey is None else int((data["source"] == SURVEY_SOURCE).sum()),
         },
         "scores_by_geometry": scores,
+        "scores_by_shape": {
+            name: pooled(frame[shape == name]) for name in np.unique(shape).tolist()
+        },
         "baseline_by_geometry": {"model": BASELINE} | rule,
         "target_by_geometry": TARGET
         | {
@@ -369,18 +303,15 @@ def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
             )
         },
         "conformal": {
-            "scores": _scores(share_of(held_out, rows), share, groups),
+            "scores": _scores(share_of(held_out, rows), share, groups, shape),
             "range": [float(min(share.min(), 0)), float(max(share.max(), 1))],
-            "measured": [_coverage(level, pd.concat(parts)) for level, parts in covered.items()],
+            "measured": [
+                _coverage(level, name, part)
+                for (name, level), part in pd.concat(covered).groupby(["shape", "level"])
+            ],
         },
         "numerical_uncertainty": _numerical_uncertainty(data),
-        "domain": {
-            "ranges": {
-                name: [float(c.min()), float(c.max())]
-                for name, c in zip(FEATURES, x.T, strict=True)
-            },
-            "geometries": np.unique(ratios, axis=0).tolist(),
-        },
+        "domain": {name: own.state() for name, own in domain.domains_of(data).items()},
         "versions": {
             "dldsim": __version__,
             "physics": PHYSICS_VERSION,
@@ -388,16 +319,54 @@ def fit(outcomes: pd.DataFrame, seed: int) -> Surrogate:
             "numpy": np.__version__,
         },
     }
-    return Surrogate(_serial(booster), card)
+    made = Surrogate(_serial(booster), card)
+    card["beads"] = beads(made)
+    return made
 
 
-def _coverage(level: float, found: pd.DataFrame) -> dict[str, float | int]:
+def beads(surrogate: Surrogate) -> list[dict[str, Any]]:
+    """Critical diameter of the stiffest spheres learnt over that of the law, by periodicity.
+
+    Beside pillars as wide as the gap: the diameter over D_c = 1.4 G ε^0.48 at which half of the
+    bump displacement is predicted, for the periodicities of BEAD_ROWS at which the surrogate
+    interpolates there; and whether it is within the scatter of devices about the law. Empty where
+    no spheres were learnt.
+    """
+    own = surrogate.domains.get(BEAD)
+    if own is None:
+        return []
+    low, high = own.geometries[:, 1].min(), own.geometries[:, 1].max()
+    gap = np.geomspace(low, high, BEAD_STEPS)
+    tall = 2 / own.vertical_confinement[0] if own.vertical_confinement[0] > 0 else 0.0
+    bead = CellInFlow(BEAD, 1.0, tall, own.capillary_number[0])
+    found = []
+    for rows in BEAD_ROWS:
+        share = surrogate.share(gap / 2, gap, rows, bead)
+        inside = surrogate.inside_domain(gap / 2, gap, rows, bead)
+        falls = np.flatnonzero((share[:-1] >= 0.5) & (share[1:] < 0.5) & inside[:-1] & inside[1:])
+        if not falls.size:
+            continue
+        i = falls[-1]
+        at = gap[i] + (share[i] - 0.5) / (share[i] - share[i + 1]) * (gap[i + 1] - gap[i])
+        ratio = float(2 / critical_diameter(at, 1 / rows))
+        found.append(
+            {
+                "periodicity": rows,
+                "over_law": ratio,
+                "within_scatter": abs(ratio - 1) <= SCATTER_OF_DAVIS,
+            }
+        )
+    return found
+
+
+def _coverage(level: float, shape: str, found: pd.DataFrame) -> dict[str, float | int | str]:
     """Share of outcomes of held-out geometries inside their intervals, each geometry counting once.
 
     The error of the share is that of a mean over geometries.
     """
     by_geometry = found.groupby("geometry")["inside"].mean()
     return {
+        "shape": shape,
         "level": level,
         "coverage": float(by_geometry.mean()),
         "coverage_error": float(by_geometry.sem()) if len(by_geometry) > 1 else 1.0,
@@ -427,14 +396,11 @@ def _serial(booster: "Booster") -> "Booster":
     return booster
 
 
-def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") else value
-
-
 def _data_hash(data: pd.DataFrame) -> str:
     """SHA-256 over the rows learnt from: inputs, angle and status, in order of outcome_id."""
     rows = data[["outcome_id", *INPUTS, ANGLE, "status"]]
-    text = rows.astype(dict.fromkeys([*INPUTS, ANGLE], float)).to_csv(index=False)
+    numbers = [name for name in (*INPUTS, ANGLE) if name != "cell_shape"]
+    text = rows.astype(dict.fromkeys(numbers, float)).to_csv(index=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -462,7 +428,7 @@ def load(path: Path, card_path: Path) -> Surrogate:
         kind, digest, physics = card["kind"], card["model_sha256"], card["versions"]["physics"]
     except (ValueError, KeyError, TypeError) as error:
         raise DldsimError(f"{card_path} is no card of a surrogate: {error!r}. {remedy}") from error
-    if kind != KIND or card.get("features") != FEATURES:
+    if kind != KIND or card.get("features") != FEATURES or card.get("shapes") != list(SHAPES):
         raise DldsimError(f"{card_path} describes another model or other features. {remedy}")
     if physics != PHYSICS_VERSION:
         raise DldsimError(

@@ -1,66 +1,56 @@
 """The answer to one design request: search, simulated check, tables and files."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pandas as pd
 
 from dldsim.analysis import surrogate
-from dldsim.analysis.calibration import default_curves, join_deformation_index
 from dldsim.config.design_sections import DesignRequest, Verification
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
 from dldsim.design.chip import Chip
 from dldsim.design.export import export_design
-from dldsim.design.finished_campaign import Campaign
-from dldsim.design.populations import make_populations
+from dldsim.design.finished_campaign import Campaign, calibration_of
+from dldsim.design.populations import Population, flow_of, make_populations
 from dldsim.design.rounds import verify
 from dldsim.design.search import Each, Found, search
-from dldsim.design.simulator import Scene, Simulator, conditions
+from dldsim.design.simulator import Scene, Simulator
 from dldsim.design.verified import Verdicts, export, plain
-from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.parquet import write_csv, write_table
 
-SEARCH = ("designs", "design_trials", "design_tolerances", "design_importance", "design_slices")
+SEARCH = (
+    "design_populations",
+    "designs",
+    "design_trials",
+    "design_tolerances",
+    "design_importance",
+    "design_slices",
+)
 """Kinds of tables of a search, in the order of `Found`."""
 
 
-def by_deformation_index(request: DesignRequest, calibration: pd.DataFrame | None) -> DesignRequest:
-    """The request with its stiffness sets replaced by their calibrated index and its scatter."""
-    names = [n for n in (request.stiffness_set_1, request.stiffness_set_2) if n is not None]
-    index, spread = {}, {}
-    if names:
-        keys = [f"stiffness_set_{i}" for i in "12" if getattr(request, f"stiffness_set_{i}")]
-        if calibration is None:
-            raise DldsimError(
-                f"design request {request.name}: stiffness sets need a calibration.",
-                key=keys,
-                value=names,
-                allowed="deformation_index_1 and deformation_index_2",
-                remedy="Name the cell types by these, or add the table calibration.",
-            )
-        known = default_curves(calibration)["stiffness_set"].dropna()
-        known = sorted({str(n) for n in known if n})
-        for key in keys:
-            if (name := getattr(request, key)) not in known:
-                raise DldsimError(
-                    f"{key}: no membrane of the default assay stands for stiffness set {name} "
-                    f"(calibrated: {', '.join(known) or 'none'}).",
-                    key=key,
-                    value=name,
-                    allowed=", ".join(known),
-                    remedy="Name a calibrated one.",
-                )
-        joined = join_deformation_index(pd.DataFrame({"stiffness_set": names}), calibration)
-        for name, mean, std in joined[
-            ["stiffness_set", "deformation_index", "deformation_index_std"]
-        ].to_numpy():
-            index |= {} if np.isnan(mean) else {name: float(mean)}
-            spread[name] = 0.0 if np.isnan(std) else float(std)
-    return request.with_deformation_indices(index, spread)
+def resolve(
+    request: DesignRequest,
+    flow: Flow,
+    sets: Mapping[str, Stiffness],
+    calibration: pd.DataFrame | None,
+    model: surrogate.Surrogate,
+) -> list[Population]:
+    """Both cell types of a request at its flow; ``flow``: the campaign's.
+
+    Raises DldsimError as `make_populations` does.
+    """
+    return make_populations(request, flow_of(request, flow), sets, calibration, model.domains)
+
+
+def resolve_by(known: Campaign, request: DesignRequest) -> list[Population]:
+    """The same by what a finished campaign knows."""
+    sets = {name: Stiffness(**values) for name, values in known.settings["stiffness_sets"].items()}
+    return resolve(request, known.chip.flow, sets, known.calibration, known.model)
 
 
 def scene_of(settings: Mapping) -> Scene:
@@ -87,33 +77,32 @@ def verify_request(
     """Verify the designs of one request by simulation and write their files.
 
     ``settings``: sections of the configuration, `seed` and `verification` among them; ``tables``:
-    `outcomes` and `calibration`; ``work``: where finished ones are kept; ``files``: folder of the
-    designs' files.
+    `outcomes`, and `calibration` and `survey` if there are any; ``work``: where finished ones are
+    kept; ``files``: folder of the designs' files.
     """
-    scene = scene_of(settings)
-    conditions(tables["outcomes"], scene)
-    resolved = by_deformation_index(request, tables["calibration"])
     sets = {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()}
-    populations = make_populations(request, resolved, tables["calibration"], sets)
+    populations = resolve(request, chip.flow, sets, calibration_of(tables), model)
+    flow = flow_of(request, chip.flow)
     budget = Verification(**settings["verification"])
-    simulator = Simulator(work, scene, progress)
+    simulator = Simulator(work, scene_of(settings)._replace(flow=flow), progress)
     verdicts = verify(
         model,
         tables["outcomes"],
-        resolved,
-        chip,
+        request,
+        chip.at(flow),
         budget,
         populations,
         simulator,
         derive_seed(settings["seed"], f"verify/{request.name}"),
+        fit=partial(surrogate.fit, survey=tables.get("survey")),
         resistance=simulator.resistance,
         progress=progress,
     )
     Path(files).mkdir(parents=True, exist_ok=True)
     export(
         verdicts,
-        resolved,
-        chip,
+        request,
+        chip.at(flow),
         simulator,
         budget.exports,
         files,
@@ -124,10 +113,10 @@ def verify_request(
 
 
 class Made(NamedTuple):
-    """The answer to one request: as asked, by deformation indices, settings and tables."""
+    """The answer to one request: its cell types, settings and tables."""
 
     request: DesignRequest
-    resolved: DesignRequest
+    populations: list[Population]
     settings: dict[str, Any]
     found: Found
 
@@ -148,9 +137,14 @@ def make_designs(
 
     Raises DldsimError as `search` does.
     """
-    resolved = by_deformation_index(request, known.tables.get("calibration"))
+    populations = resolve_by(known, request)
     found = search(
-        known.model, resolved, known.chip, derive_seed(seed, f"design/{request.name}"), each
+        known.model,
+        request,
+        populations,
+        known.chip.at(flow_of(request, known.chip.flow)),
+        derive_seed(seed, f"design/{request.name}"),
+        each,
     )
     settings = {
         **known.settings,
@@ -160,7 +154,7 @@ def make_designs(
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry", "versions")},
         "holds_for": known.model.holds_for,
     }
-    return Made(request, resolved, settings, found)
+    return Made(request, populations, settings, found)
 
 
 def write_designs(
@@ -179,7 +173,7 @@ def write_designs(
         files = export_design(
             name,
             design.to_dict(),
-            made.resolved,
+            made.request,
             known.chip.device,
             directory / "files",
             about=made.about,

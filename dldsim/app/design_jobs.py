@@ -7,11 +7,14 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from dldsim.analysis import surrogate
-from dldsim.app.design_answers import SEARCH, by_deformation_index, verify_request
+from dldsim.analysis.learning import survey_of
+from dldsim.app.design_answers import SEARCH, resolve, verify_request
 from dldsim.config.design_sections import DesignRequest
 from dldsim.config.provenance import derive_seed, provenance
+from dldsim.config.sections import Stiffness
 from dldsim.design.chip import Chip
 from dldsim.design.finished_campaign import make_chip
+from dldsim.design.populations import Population, flow_of
 from dldsim.design.search import regret, search
 from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
@@ -25,8 +28,17 @@ class Inputs(NamedTuple):
 
     requests: list[DesignRequest]
     chip: Chip
+    sets: dict[str, Stiffness]
     model: surrogate.Surrogate
     calibration: pd.DataFrame
+
+    def populations(self, request: DesignRequest) -> list[Population]:
+        """Both cell types of a request."""
+        return resolve(request, self.chip.flow, self.sets, self.calibration, self.model)
+
+    def chip_for(self, request: DesignRequest) -> Chip:
+        """The chip at the flow of a request."""
+        return self.chip.at(flow_of(request, self.chip.flow))
 
 
 def _inputs(settings: Mapping, model: Path, card: Path, calibration: Path, flows: Path) -> Inputs:
@@ -34,24 +46,24 @@ def _inputs(settings: Mapping, model: Path, card: Path, calibration: Path, flows
     return Inputs(
         [DesignRequest(**r) for r in settings["design_requests"]],
         chip,
+        {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()},
         surrogate.load(model, card),
         read_table("calibration", calibration),
     )
 
 
 def each_request(
-    inputs: Inputs, answer: Callable[[DesignRequest, DesignRequest], Any]
+    inputs: Inputs, answer: Callable[[DesignRequest], Any]
 ) -> tuple[list[Any], list[dict[str, str]]]:
     """What ``answer`` says to every request, and a row of `design_requests` for each.
 
-    It is called with the request as asked and by deformation indices. A request that cannot be
-    answered takes no other with it: its row holds the reason.
+    A request that cannot be answered takes no other with it: its row holds the reason.
     """
     found, rows = [], []
     for request in inputs.requests:
         row = {"request": request.name, "status": "answered", "reason": ""}
         try:
-            found.append(answer(request, by_deformation_index(request, inputs.calibration)))
+            found.append(answer(request))
         except DldsimError as error:
             row |= {"status": "failed", "reason": str(error)}
         rows.append(row)
@@ -65,11 +77,12 @@ def design_job(
     inputs = _inputs(settings, **paths)
     found, requests = each_request(
         inputs,
-        lambda asked, resolved: search(
+        lambda request: search(
             inputs.model,
-            resolved,
-            inputs.chip,
-            derive_seed(settings["seed"], f"design/{asked.name}"),
+            request,
+            inputs.populations(request),
+            inputs.chip_for(request),
+            derive_seed(settings["seed"], f"design/{request.name}"),
         ),
     )
     content: dict[str, Any] = {kind: _empty(kind) for kind in SEARCH}
@@ -94,11 +107,12 @@ def regret_job(settings: Mapping, *, table: Path, progress: Progress, **paths: P
     inputs = _inputs(settings, **paths)
     found, requests = each_request(
         inputs,
-        lambda asked, resolved: regret(
+        lambda request: regret(
             inputs.model,
-            resolved,
-            inputs.chip,
-            derive_seed(settings["seed"], f"regret/{asked.name}"),
+            request,
+            inputs.populations(request),
+            inputs.chip_for(request),
+            derive_seed(settings["seed"], f"regret/{request.name}"),
         ),
     )
     _tell(requests, progress)
@@ -129,11 +143,13 @@ def verify_job(
     inputs = _inputs(settings, **paths)
     inputs = inputs._replace(requests=[r for r in inputs.requests if r.name == name])
     tables = {"outcomes": read_table("outcomes", outcomes), "calibration": inputs.calibration}
+    if (survey := survey_of(settings)) is not None:
+        tables["survey"] = survey
     Path(files).mkdir(parents=True, exist_ok=True)
     found, told = each_request(
         inputs,
-        lambda asked, resolved: verify_request(
-            asked,
+        lambda request: verify_request(
+            request,
             settings,
             inputs.chip,
             inputs.model,
@@ -188,7 +204,7 @@ def gather_verified(
         write_table(kind, table, tables[kind], about)
         write_csv(kind, tables[kind])
     seed = derive_seed(settings["seed"], "surrogate")
-    surrogate.fit(learnt, seed).save(model, card)
+    surrogate.fit(learnt, seed, survey_of(settings)).save(model, card)
 
 
 def _empty(kind: str) -> dict:

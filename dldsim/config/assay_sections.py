@@ -15,6 +15,8 @@ Index = Annotated[float, Field(ge=0, lt=1)]
 Spacing = Field(1.0, ge=0.01, le=100, description="largest lattice spacing wanted")
 GROUP_VELOCITY, FIXED_VELOCITY = "group-velocity", "fixed-velocity"
 """Assays of the source's slit: each group at its own velocity (the source paper's), all at one."""
+CIRCULARITY = "-circularity"
+"""Ending of the name of the curve of a channel whose index is 1 − circularity."""
 SOURCE_TABLE = "source-table"
 """Assay of the source's printed indices."""
 

@@ -8,13 +8,15 @@ from typing import Any
 from pydantic import Field, TypeAdapter, field_validator, model_validator
 
 from dldsim.config.assay_sections import (
+    CIRCULARITY,
     Assay,
     AssayStudy,
     CalibrationLibrary,
+    ChannelAssay,
     ConstrictionAssay,
     TableAssay,
 )
-from dldsim.config.design_sections import DesignRequest, Device, Fabrication, Verification
+from dldsim.config.design_sections import DesignRequest, Device, Fabrication, Learning, Verification
 from dldsim.config.limits import Limits
 from dldsim.config.sections import (
     CellShape,
@@ -111,6 +113,7 @@ class Partial(Section):
     verification: Verification = Verification()
     device: Device = Device()
     fabrication: Fabrication = Fabrication()
+    surrogate: Learning = Learning()
     accuracy: Accuracy = Accuracy()
     reference: Reference = Reference()
     survey: Survey = Survey()
@@ -215,6 +218,13 @@ class Config(Partial):
                         raise Unfit(f"stiffness sets {known}; {unknown[0]}", f"{key}.indices")
                 elif getattr(assay, "groups", False) and not self.constriction_groups:
                     raise Unfit("constriction_groups, which groups: true takes", f"{key}.groups")
+        calibrated = {*self.assays} | {
+            name + CIRCULARITY for name, a in self.assays.items() if isinstance(a, ChannelAssay)
+        }
+        for i, request in enumerate(self.design_requests):
+            if request.assay not in (None, *calibrated):
+                known = ", ".join(sorted(calibrated))
+                raise Unfit(f"one of the assays {known}", f"design_requests.{i}.assay")
         default = self.assays[self.default_assay]
         measured: Collection[str] = self.stiffness_sets
         if isinstance(default, TableAssay):

@@ -1,12 +1,11 @@
 """Settings of the search for designs, of their check by simulation, and of the chip."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from dldsim.config.sections import Fraction, Name, Periodicity, Section, Unfit
-from dldsim.errors import DldsimError
+from dldsim.config.sections import Fraction, Name, Periodicity, Section, Shape, Unfit
 
 
 class Device(Section):
@@ -66,26 +65,53 @@ Bound = Annotated[float, Field(gt=0, lt=1000)]
 Bounds = tuple[Bound, Bound]
 
 
+Spread = Annotated[float, Field(ge=0, le=1)]
+Spring = Annotated[float, Field(gt=0, le=1e6)]
+DEFORMABILITIES = ("deformation_index_{}", "stiffness_set_{}", "ks_{}_uN_per_m", "rigid_{}")
+"""Fields of a cell type of which a request names one."""
+
+
 class DesignRequest(Section):
     """Two cell types to be separated, and the bounds of the search.
 
-    Each cell type is named either by its deformation index or by a stiffness set, whose calibrated
-    deformation index is then taken.
+    Each cell type has a shape, a radius, and one of: a deformation index by an assay, a stiffness
+    set, a spring constant, or nothing that deforms it (a bead).
     """
 
     name: Name = Field(description="letters, digits and hyphens, 64 at most")
+    shape_1: Shape = Field("biconcave", description="rest shape of the first cell type")
+    shape_2: Shape = Field("biconcave", description="rest shape of the second cell type")
     deformation_index_1: Fraction | None = Field(None, description="of the first cell type")
     deformation_index_2: Fraction | None = Field(None, description="of the second cell type")
-    deformation_index_std_1: Annotated[float, Field(ge=0, le=1)] | None = Field(
-        None, description="spread among cells of the first type; default: the calibration's, or 0"
+    deformation_index_std_1: Spread | None = Field(
+        None, description="spread of it among cells of the first type; default 0"
     )
-    deformation_index_std_2: Annotated[float, Field(ge=0, le=1)] | None = Field(
-        None, description="spread among cells of the second type; default: the calibration's, or 0"
+    deformation_index_std_2: Spread | None = Field(
+        None, description="spread of it among cells of the second type; default 0"
+    )
+    assay: Name | None = Field(
+        None,
+        description="calibration by which deformation indices were measured; default: the "
+        "campaign's own",
     )
     stiffness_set_1: str | None = Field(None, description="instead of deformation_index_1")
     stiffness_set_2: str | None = Field(None, description="instead of deformation_index_2")
+    ks_1_uN_per_m: Spring | None = Field(
+        None, description="spring constant k_s, instead of deformation_index_1"
+    )
+    ks_2_uN_per_m: Spring | None = Field(
+        None, description="spring constant k_s, instead of deformation_index_2"
+    )
+    rigid_1: bool = Field(False, description="a bead (a sphere), instead of deformation_index_1")
+    rigid_2: bool = Field(False, description="a bead (a sphere), instead of deformation_index_2")
     radius_1_um: float = Field(7.5, ge=0.1, le=1000, description="radius of the first cell type")
     radius_2_um: float = Field(7.5, ge=0.1, le=1000, description="radius of the second cell type")
+    velocity_mm_s: Annotated[float, Field(ge=1e-5, le=1000)] | None = Field(
+        None, description="mean velocity in the array; default: the campaign's"
+    )
+    height_um: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+        None, description="channel height, 0: no top and bottom; default: the campaign's"
+    )
     pillar_radius_um: Bounds = Field((4.0, 12.0), description="lowest and highest pillar radius")
     gap_um: Bounds = Field((12.0, 22.0), description="lowest and highest gap")
     periodicity: tuple[Periodicity, Periodicity] = Field(
@@ -112,7 +138,7 @@ class DesignRequest(Section):
         0.5, ge=0, le=100, description="± on P_r and P_g in the tolerance analysis"
     )
     height_tolerance_um: float = Field(
-        1.0, ge=0, le=100, description="± on the channel height, which only a simulation can judge"
+        1.0, ge=0, le=100, description="± on the channel height of the best design, simulated"
     )
     pillar_aspect_ratio_max: float = Field(
         5.0, gt=0, le=1000, description="largest height / diameter of a pillar that can be made"
@@ -137,39 +163,24 @@ class DesignRequest(Section):
     @model_validator(mode="after")
     def _one_name_per_cell(self) -> "DesignRequest":
         for i in "12":
-            given = [getattr(self, f"{key}_{i}") for key in ("deformation_index", "stiffness_set")]
-            if sum(v is not None for v in given) != 1:
-                both = f"deformation_index_{i}", f"stiffness_set_{i}"
-                raise Unfit(f"exactly one of {both[0]} and {both[1]}", *both)
+            keys = [key.format(i) for key in DEFORMABILITIES]
+            check_cell_type(self, keys, f"shape_{i}", f"deformation_index_std_{i}")
         return self
 
-    def with_deformation_indices(
-        self, by_set: Mapping[str, float], spread_by_set: Mapping[str, float] | None = None
-    ) -> "DesignRequest":
-        """This request with stiffness sets replaced by their calibrated deformation indices.
 
-        A spread that is not given becomes the set's, or 0. Raises DldsimError if a set has no
-        calibrated value.
-        """
-        update: dict[str, Any] = {}
-        for i in "12":
-            name = getattr(self, f"stiffness_set_{i}")
-            if getattr(self, f"deformation_index_std_{i}") is None:
-                update[f"deformation_index_std_{i}"] = (spread_by_set or {}).get(name, 0.0)
-            if name is None:
-                continue
-            if by_set.get(name) is None:
-                calibrated = ", ".join(sorted(by_set)) or "none"
-                raise DldsimError(
-                    f"design request {self.name}: stiffness_set_{i} = {name} has no calibrated "
-                    f"deformation index (calibrated: {calibrated}).",
-                    key=f"stiffness_set_{i}",
-                    value=name,
-                    allowed=calibrated,
-                    remedy=f"Let the default assay measure it, or give deformation_index_{i}.",
-                )
-            update |= {f"deformation_index_{i}": by_set[name], f"stiffness_set_{i}": None}
-        return self.model_copy(update=update)
+def check_cell_type(named: Section, keys: Sequence[str], shape: str, spread: str) -> None:
+    """Refuse a cell type whose fields, of these names, say too little, too much or two things.
+
+    ``keys``: of DEFORMABILITIES.
+    """
+    index, by_set, _, rigid = keys
+    given = [key for key in keys if getattr(named, key) not in (None, False)]
+    if len(given) != 1:
+        raise Unfit(f"exactly one of {', '.join(keys[:-1])} and {rigid}", *keys)
+    if given == [rigid] and getattr(named, shape) != "sphere":
+        raise Unfit(f"{rigid} with {shape}: sphere, a bead", rigid, shape)
+    if given[0] not in (index, by_set) and getattr(named, spread) is not None:
+        raise Unfit(f"{spread} with {index} or {by_set} alone", spread, given[0])
 
 
 class Verification(Section):
@@ -213,4 +224,12 @@ class Fabrication(Section):
     )
     moved_deg: float = Field(
         0.5, gt=0, le=90, description="change of an angle that counts as moved"
+    )
+
+
+class Learning(Section):
+    """What the surrogate learns from."""
+
+    survey: bool = Field(
+        True, description="the survey that comes with the package, beside the campaign's outcomes"
     )

@@ -88,12 +88,13 @@ class Stiffness(Section):
     kvisc_nN_s_per_m: float = Field(ge=0, le=1e6, description="Kelvin–Voigt edge dashpot k_visc")
 
 
+Shape = Literal["biconcave", "sphere", "ellipsoid"]
+
+
 class CellShape(Section):
     """Shape at rest of the cell, and how it is turned at release."""
 
-    shape: Literal["biconcave", "sphere", "ellipsoid"] = Field(
-        "biconcave", description="rest shape; biconcave is the Evans–Fung profile"
-    )
+    shape: Shape = Field("biconcave", description="rest shape; biconcave is the Evans–Fung profile")
     radius_um: float = Field(7.5, ge=0.1, le=1000, description="largest radius of the rest shape")
     aspect_ratio: float = Field(
         0.6, ge=0.05, le=1, description="ellipsoid only: half axis along the symmetry axis / radius"

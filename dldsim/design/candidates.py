@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.surrogate import DOMAIN_TOLERANCE
+from dldsim.analysis.domain import DOMAIN_TOLERANCE
 from dldsim.config.design_sections import DesignRequest
-from dldsim.design.task import DECIMALS, TINY, Task, fixed, violations
+from dldsim.design.task import DECIMALS, TINY, Task, extrapolated, fixed, violations
 from dldsim.experiments.migration import mode_of
 from dldsim.tables.registry import TABLES
 from dldsim.vocabulary import GEOMETRY
@@ -17,7 +17,7 @@ from dldsim.vocabulary import GEOMETRY
 TOLERANCE_STEPS = 5
 """Values of P_r and of P_g across the tolerance, ends and middle included."""
 GRID_CHECKED = 300
-"""Best points of a grid whose exact distance from the training geometries is looked up."""
+"""Best points of a grid whose tolerance and uncertainty are looked up."""
 TRANSITION_POINTS = 2048
 """Random arrays among which those near a mode transition are chosen."""
 TRANSITION_SHARE = 0.25
@@ -31,7 +31,9 @@ BOUND_SHARE = 0.02
 def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
     """The best distinct candidates with tolerance, uncertainty and verdict."""
     request, chip, surrogate = task.request, task.chip, task.surrogate
-    table = feasible.assign(inside_training_domain=feasible["outside"] <= DOMAIN_TOLERANCE)
+    beyond = extrapolated(task)
+    inside = (feasible["outside"] <= DOMAIN_TOLERANCE) & (not beyond)
+    table = feasible.assign(inside_training_domain=inside)
     if len(table) > GRID_CHECKED:
         table = table.nlargest(GRID_CHECKED, ["inside_training_domain", "value"], keep="all")
     place = [table[name].to_numpy() for name in GEOMETRY]
@@ -58,6 +60,8 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
     place = [designs[name].to_numpy() for name in GEOMETRY]
     angles = [designs[f"angle_{i}_deg"].to_numpy(float) for i in (1, 2)]
     modes = [[mode_of(a, 1 / n) for a, n in zip(angle, place[2], strict=True)] for angle in angles]
+    for i, (low, high) in enumerate(task.intervals(*place), start=1):
+        designs[f"angle_{i}_low_deg"], designs[f"angle_{i}_high_deg"] = low, high
     drawn = task.drawn(*place)
     shift = np.array(
         [
@@ -84,7 +88,7 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         throughput_uL_per_h=chip.throughput_uL_per_h,
         verdict=[verdict_of(row) for _, row in designs.iterrows()],
         notes=[
-            notes_of(row, ranks.count(row["rank"]), at_bounds(request, row))
+            notes_of(row, ranks.count(row["rank"]), at_bounds(request, row), beyond)
             for _, row in designs.iterrows()
         ],
     )
@@ -109,26 +113,27 @@ def tolerances(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
     """Angles, modes and separation of each candidate with one thing off; `design_tolerances`.
 
     `edge_um` moves every pillar edge outwards, as exposure does: the pitch, which the mask fixes,
-    stays, so that P_r grows by as much and P_g shrinks by twice as much. The separation is counted
-    in the order that the candidate has as wanted. `sensitivity_deg_per_unit` is the slope between
-    the two offsets.
+    stays, so that P_r grows by as much and P_g shrinks by twice as much; `ks_1_uN_per_m` goes to
+    the ends of the cell type's interval, within what was learnt. The separation is counted in the
+    order that the candidate has as wanted. `sensitivity_deg_per_unit` is the slope between the two
+    offsets.
     """
     request = task.request
-    low, high = task.surrogate.deformation_index_range
     rows = []
     for _, design in designs.iterrows():
         order = 1.0 if design["angle_2_deg"] >= design["angle_1_deg"] else -1.0
-        for parameter, size in offsets_of(task):
+        for parameter, offsets in offsets_of(task):
             found = []
-            for offset in (-size, size):
+            for offset in offsets:
                 radius, gap, periodicity = shifted(design, parameter, offset)
                 angles = []
-                for k, (index, cell) in enumerate(task.cells, start=1):
-                    if parameter == f"deformation_index_{k}":
-                        index = min(max(index + offset, low), high)
-                    angles.append(
-                        float(task.surrogate.predict(radius, gap, periodicity, index, cell)[0])
-                    )
+                for k, population in enumerate(task.populations):
+                    cell = population.cell
+                    if parameter == f"ks_{k + 1}_uN_per_m":
+                        ks = population.stiffness.ks_uN_per_m + offset
+                        known = np.exp(task.known(k))
+                        cell = population.cell_at(np.clip(population.capillary(ks), *known))
+                    angles.append(float(task.surrogate.predict(radius, gap, periodicity, cell)[0]))
                 modes = [mode_of(a, 1 / periodicity) for a in angles]
                 found.append(
                     {
@@ -143,7 +148,7 @@ def tolerances(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
                         "mode_2": modes[1],
                     }
                 )
-            slope = (found[1]["separation_deg"] - found[0]["separation_deg"]) / (2 * size)
+            slope = (found[1]["separation_deg"] - found[0]["separation_deg"]) / np.diff(offsets)[0]
             rows += [{**row, "sensitivity_deg_per_unit": slope} for row in found]
     columns = [
         "request",
@@ -218,14 +223,18 @@ SLICE_COLUMNS = [
 ]
 
 
-def offsets_of(task: Task) -> list[tuple[str, float]]:
-    """What may be off, and by how much; what cannot is left out."""
+def offsets_of(task: Task) -> list[tuple[str, tuple[float, float]]]:
+    """What may be off, and by how much either way; what cannot is left out."""
     width = task.request.tolerance_um
-    sizes = [
-        *((name, width) for name in ("pillar_radius_um", "gap_um", "edge_um")),
-        *((f"deformation_index_{k}", s) for k, s in enumerate(task.spreads, start=1)),
+    ends = [
+        *((name, (-width, width)) for name in ("pillar_radius_um", "gap_um", "edge_um")),
+        *(
+            (f"ks_{p.number}_uN_per_m", (p.ks_low - ks, p.ks_high - ks))
+            for p in task.populations
+            for ks in [p.stiffness.ks_uN_per_m]
+        ),
     ]
-    return [(name, size) for name, size in sizes if size > 0]
+    return [(name, (low, high)) for name, (low, high) in ends if high > low]
 
 
 def shifted(design: Mapping[str, Any], parameter: str, offset: float) -> tuple[float, float, int]:
@@ -289,16 +298,19 @@ def verdict_of(row: Mapping[str, Any]) -> str:
     return "resolved"
 
 
-def notes_of(row: Mapping[str, Any], equals: int, bounds: Sequence[str] = ()) -> list[str]:
+def notes_of(
+    row: Mapping[str, Any], equals: int, bounds: Sequence[str] = (), beyond: Sequence[str] = ()
+) -> list[str]:
     """What else its prediction is worth, in words; ``equals``: candidates of its rank, ``bounds``:
-    those that it lies on."""
+    those that it lies on, ``beyond``: what of the request was not learnt."""
     notes = []
     if equals > 1:
         notes.append(f"one of {equals} not ranked against each other: closer than σ_num")
     if np.isnan(row["sigma_num_deg"]):
         notes.append("numerical uncertainty not studied")
     if not row["inside_training_domain"]:
-        notes.append("extrapolated: outside the training geometries")
+        why = ", ".join(beyond) or "outside the training geometries"
+        notes.append(f"extrapolated: {why}")
     if bounds:
         notes.append(f"on the edge of the search ({', '.join(bounds)}): better may lie beyond")
     return notes
@@ -322,11 +334,11 @@ def transition_geometries(task: Task, known: pd.DataFrame, count: int) -> list[d
     good = np.all(
         [
             np.broadcast_to(v, TRANSITION_POINTS) <= 0
-            for v in violations(request, task.chip, radius, gap).values()
+            for v in violations(request, task.populations, task.chip, radius, gap).values()
         ],
         axis=0,
     )
-    good &= task.may_be_inside(*place)
+    good &= task.outside(*place) <= DOMAIN_TOLERANCE
     share = np.tan(np.radians(task.angles(*place))) * place[2]
     good &= np.abs(share - 0.5).min(axis=0) <= TRANSITION_SHARE
     points = np.column_stack(place)[good]
@@ -342,8 +354,6 @@ def transition_geometries(task: Task, known: pd.DataFrame, count: int) -> list[d
         away = np.linalg.norm((points[:, None] - seen) / scale, axis=2).min(axis=1)
         best = points[away.argmax()]
         points = np.delete(points, away.argmax(), axis=0)
-        if task.outside(float(best[0]), float(best[1]), int(best[2])) > DOMAIN_TOLERANCE:
-            continue
         seen = np.vstack([seen, best])
         chosen.append(
             {

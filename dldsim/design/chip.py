@@ -68,6 +68,17 @@ class Chip(NamedTuple):
     no_resistance: str = "there is no table of flows"
     """Why the pressure drop is not known, where it is not."""
 
+    def at(self, flow: Flow) -> "Chip":
+        """The same chip with another flow; what the flows tell of one height holds for no other."""
+        known = self.resistance
+        if known is None or np.isclose(known.height_um, flow.height_um, rtol=1e-9):
+            return self._replace(flow=flow)
+        why = (
+            f"the flows without a cell are of height {known.height_um:g} µm, this request has "
+            f"{flow.height_um:g} µm"
+        )
+        return self._replace(flow=flow, resistance=None, no_resistance=why)
+
     def pressure_kPa(self, drag_over_mu_U, pitch_um, length_mm):
         """Pressure drop over a length of array at the flow's mean velocity.
 

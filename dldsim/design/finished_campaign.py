@@ -1,6 +1,6 @@
 """The campaign that designs are made from: its tables, its surrogate, and what they hold for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,17 +9,21 @@ import pandas as pd
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import surrogate
-from dldsim.analysis.regressors import INPUTS
+from dldsim.analysis.calibration import with_library
+from dldsim.analysis.features import learnable
+from dldsim.analysis.learning import read_survey, with_survey
 from dldsim.config.configuration import Partial, Sweep
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.explain import validate
 from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Section, Stiffness
 from dldsim.design.chip import Chip, Resistance
+from dldsim.design.deformability import ks_of_index
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 from dldsim.files import atomic_path
 from dldsim.tables.numerics import COLUMN_OF, settings_of
 from dldsim.tables.parquet import describe, read_table, write_table
+from dldsim.vocabulary import GEOMETRY
 
 CAMPAIGN_DATA = Path(__file__).parents[1] / "data" / "campaign"
 """Tables and surrogate of the campaign that comes with the package."""
@@ -52,13 +56,25 @@ class Campaign(NamedTuple):
     chip: Chip
     model: surrogate.Surrogate
 
+    @property
+    def calibration(self) -> pd.DataFrame | None:
+        """`calibration_of` its tables."""
+        return calibration_of(self.tables)
+
+
+def calibration_of(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
+    """Calibration of the campaign's own cells, and of others where there are some; None without."""
+    found = [tables[kind] for kind in ("calibration", LIBRARY) if kind in tables]
+    return with_library(found) if found else None
+
 
 def read_campaign(directory: Path, device: Device, safety_distance_um: float) -> Campaign:
     """Outcomes, calibration and surrogate in a folder; flows and calibrations for other cells if
     they are there.
 
-    Raises DldsimError if a file is missing, damaged or of another physics version, or if the
-    surrogate was learnt from others than these outcomes.
+    Where the surrogate learnt from the survey, it is among the tables. Raises DldsimError if a file
+    is missing, damaged or of another physics version, or if the surrogate was learnt from others
+    than these outcomes.
     """
     directory = Path(directory)
     tables = {
@@ -69,7 +85,9 @@ def read_campaign(directory: Path, device: Device, safety_distance_um: float) ->
         if (path := directory / f"{kind}.parquet").exists():
             tables[kind] = read_table(kind, path)
     model = surrogate.load(directory / "surrogate.json", directory / "surrogate_card.json")
-    check_model(model, tables["outcomes"], directory)
+    if model.card["data"]["survey"] is not None:
+        tables["survey"] = read_survey()
+    check_model(model, tables, directory)
     about = describe(directory / "outcomes.parquet")["provenance"]["settings"]
     return make_campaign(tables, model, about.get("run_control"), device, safety_distance_um)
 
@@ -81,7 +99,8 @@ def make_campaign(
     device: Device,
     safety_distance_um: float,
 ) -> Campaign:
-    """A campaign of tables in memory: `outcomes`, and `calibration` and `flows` if there are any.
+    """A campaign of tables in memory: `outcomes`, and what there is of `calibration`, `flows` and
+    `survey`.
 
     Raises DldsimError for outcomes of several conditions.
     """
@@ -99,67 +118,82 @@ def check_settings(
 ) -> None:
     """Refuse settings that answers of a campaign do not hold for.
 
-    Compared are the settings that the configuration names: shape of the cell and flow; stiffness
-    sets of the request; the cell's radius, where the request does not say its own; and, to
-    ``simulate``, everything that is simulated with. Raises DldsimError that names key, value, and
-    what the campaign was made with.
+    Compared are the settings that the configuration names: liquid and drive; stiffness sets of the
+    request; shape and radius of the cells, velocity and height, where the request does not say its
+    own; and, to ``simulate``, everything that is simulated with. Raises DldsimError that names key,
+    value, and what the campaign was made with.
     """
     if settings is None:
         return
-    wanted: list[tuple[str, Any, Any]] = []
-    sections = {"cell": ("shape", "aspect_ratio"), "flow": tuple(Flow.model_fields)}
+    wanted: list[tuple[str, Any, Any, str]] = []
+    sections = {"cell": ("aspect_ratio",), "flow": ("viscosity_mPa_s", "drive")}
     if simulate:
-        sections = {
-            "cell": ("shape", "aspect_ratio", "axis"),
-            "flow": tuple(Flow.model_fields),
+        sections["cell"] = ("aspect_ratio", "axis")
+        sections |= {
             "numerics": tuple(Numerics.model_fields),
             "run_control": tuple(RunControl.model_fields),
         }
     for name, keys in sections.items():
-        section = getattr(settings, name)
-        named = [] if section is None else [k for k in keys if k in section.model_fields_set]
         wanted += [
-            (f"{name}.{key}", getattr(section, key), known.settings[name].get(key)) for key in named
+            (f"{name}.{key}", value, known.settings[name].get(key), "")
+            for key, value in _named(settings, name, keys)
         ]
     given = set() if request is None else request.model_fields_set
     for i in (1, 2) if request else ():
         name = getattr(request, f"stiffness_set_{i}")
         if name in (settings.stiffness_sets or {}) and name in known.settings["stiffness_sets"]:
+            own = known.settings["stiffness_sets"][name]
             wanted += [
-                (f"stiffness_sets.{name}.{key}", value, known.settings["stiffness_sets"][name][key])
+                (f"stiffness_sets.{name}.{key}", value, own[key], "")
                 for key, value in settings.stiffness_sets[name]
             ]
-        if (
-            settings.cell is not None
-            and "radius_um" in settings.cell.model_fields_set
-            and f"radius_{i}_um" not in given
-        ):
-            wanted.append(
-                ("cell.radius_um", settings.cell.radius_um, getattr(request, f"radius_{i}_um"))
-            )
-    for key, value, other in wanted:
-        if value != other and not (
+    flow = known.settings["flow"]
+    given = set() if request is None else request.model_fields_set
+    for section, key, fields, options in OF_A_REQUEST if request else ():
+        for field in fields:
+            value = getattr(request, field)
+            wanted += [
+                (f"{section}.{key}", named, flow[key] if value is None else value, options)
+                for _, named in _named(settings, section, (key,))
+                if field not in given
+            ]
+    for key, value, other, options in wanted:
+        if value == other or (
             isinstance(value, float) and np.isclose(value, other, rtol=1e-6, atol=0)
         ):
-            remedy = (
-                "give the radii of both cell types, --r1 and --r2"
-                if key == "cell.radius_um"
-                else "simulate a campaign with this value and name its folder with "
-                "--results, or take the setting out of the configuration"
-            )
-            origin = (
-                "the request takes"
-                if key == "cell.radius_um"
-                else "answers come from a campaign with"
-            )
-            raise DldsimError(
-                f"{key} = {value} in the configuration, but {origin} {other}. They hold for "
-                f"{known.model.holds_for}; nothing else was learnt.",
-                key=key,
-                value=value,
-                allowed=str(other),
-                remedy=f"To have the other, {remedy}.",
-            )
+            continue
+        remedy = (
+            f"name it in the request, {options}"
+            if options
+            else "simulate a campaign with this value and name its folder with --results, or take "
+            "the setting out of the configuration"
+        )
+        origin = "the request takes" if options else "answers come from a campaign with"
+        raise DldsimError(
+            f"{key} = {value} in the configuration, but {origin} {other}. What was learnt: "
+            f"{known.model.holds_for}.",
+            key=key,
+            value=value,
+            allowed=str(other),
+            remedy=f"To have the other, {remedy}.",
+        )
+
+
+OF_A_REQUEST = (
+    ("cell", "shape", ("shape_1", "shape_2"), "--shape1 and --shape2"),
+    ("cell", "radius_um", ("radius_1_um", "radius_2_um"), "--r1 and --r2"),
+    ("flow", "mean_velocity_mm_s", ("velocity_mm_s",), "--velocity"),
+    ("flow", "height_um", ("height_um",), "--height"),
+)
+"""Settings of a campaign that a request may have its own of: section, key, fields, options."""
+
+
+def _named(settings: Partial, section: str, keys: Iterable[str]) -> list[tuple[str, Any]]:
+    """Keys of a section that the configuration names, with their values."""
+    found = getattr(settings, section)
+    if found is None:
+        return []
+    return [(key, getattr(found, key)) for key in keys if key in found.model_fields_set]
 
 
 MEASURED = "measured"
@@ -169,34 +203,25 @@ MEASURED = "measured"
 def with_measurements(
     outcomes: pd.DataFrame,
     measurements: Sequence[Mapping[str, Any]],
-    *,
-    height_um: float,
-    mean_velocity_mm_s: float,
+    calibration: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """The table of outcomes with measured angles below, to be learnt from like outcomes.
 
-    A measurement has the keys of INPUTS and `migration_angle_deg`; of a measured row all other
-    columns but the conditions are null. A measured array counts as an array of its own in the
+    A measurement has the keys MEASURED_KEYS, one of `deformation_index` (by the assay that the
+    campaign's own indices come from) and `ks_uN_per_m`, and `cell_shape` unless it is a biconcave
+    disc. The index gives k_s by the calibration, and this Ca with the campaign's viscosity. Of a
+    measured row all other columns are null. A measured array counts as an array of its own in the
     surrogate's intervals if its size differs from those simulated.
 
-    Raises DldsimError for another height or velocity than the outcomes', which the surrogate does
-    not know, and for angles that no array of that periodicity can cause.
+    Raises DldsimError for keys that are missing, for an index without a calibration or outside of
+    its range, and for angles that no array of that periodicity can cause.
     """
-    conditions_ = {"height_um": height_um, "mean_velocity_mm_s": mean_velocity_mm_s}
-    for name, value in conditions_.items():
-        known = outcomes[name].unique()
-        if len(known) != 1 or not np.isclose(known[0], value, rtol=1e-3):
-            allowed = ", ".join(f"{v:g}" for v in known)
-            raise DldsimError(
-                f"Measurements: {name} = {value:g}, the outcomes have {allowed}. The surrogate "
-                "knows no other.",
-                key=name,
-                value=value,
-                allowed=allowed,
-                remedy="Leave these measurements out, or choose a campaign at this value.",
-            )
+    viscosity = settings_of_outcomes(outcomes)["flow"]["viscosity_mPa_s"]
     rows = []
     for i, given in enumerate(measurements, start=1):
+        at = f"measurements.{i - 1}."
+        if missing := [key for key in MEASURED_KEYS if given.get(key) is None]:
+            raise DldsimError(f"Measurement {i} lacks {', '.join(missing)}.", key=at + missing[0])
         bump = float(np.degrees(np.arctan(1 / given["periodicity"])))
         angle = given["migration_angle_deg"]
         if not -bump / 2 <= angle <= 1.5 * bump:
@@ -204,14 +229,19 @@ def with_measurements(
             raise DldsimError(
                 f"Measurement {i}: migration_angle_deg = {angle:g} with periodicity "
                 f"{given['periodicity']}: allowed {allowed}. Full bump motion has {bump:.3g}°.",
-                key=f"measurements.{i - 1}.migration_angle_deg",
+                key=at + "migration_angle_deg",
                 value=angle,
                 allowed=allowed,
                 remedy="Look at the sign, the unit and the row shift.",
             )
+        ks = _measured_ks(given, calibration, i, at)
         rows.append(
             {
-                **{key: given[key] for key in (*INPUTS, "migration_angle_deg")},
+                **{key: given[key] for key in MEASURED_KEYS},
+                "cell_shape": given.get("cell_shape") or "biconcave",
+                "deformation_index": given.get("deformation_index"),
+                "ks_uN_per_m": ks,
+                "capillary_number": viscosity * given["mean_velocity_mm_s"] / ks,
                 "outcome_id": f"measured-{i:04d}",
                 "stiffness_set": MEASURED,
                 "status": MEASURED,
@@ -220,7 +250,6 @@ def with_measurements(
                 "pitch_um": 2 * given["pillar_radius_um"] + given["gap_um"],
                 "row_shift_fraction": 1 / given["periodicity"],
                 "bump_angle_deg": bump,
-                **{n: outcomes[n].iloc[0] for n in ("cell_shape", *conditions_)},
                 "sigma_num_kind": MEASURED,
                 "sigma_num_basis": MEASURED,
             }
@@ -234,6 +263,31 @@ def with_measurements(
         ],
         ignore_index=True,
     )
+
+
+MEASURED_KEYS = (
+    *GEOMETRY,
+    "cell_radius_um",
+    "height_um",
+    "mean_velocity_mm_s",
+    "migration_angle_deg",
+)
+
+
+def _measured_ks(given: Mapping, calibration: pd.DataFrame | None, number: int, at: str) -> float:
+    """Spring constant [µN/m] of a measured cell type."""
+    index, ks = given.get("deformation_index"), given.get("ks_uN_per_m")
+    if (index is None) == (ks is None):
+        raise DldsimError(
+            f"Measurement {number}: exactly one of deformation_index and ks_uN_per_m.",
+            key=(at + "deformation_index", at + "ks_uN_per_m"),
+            value=(index, ks),
+        )
+    if ks is not None:
+        return float(ks)
+    shape = given.get("cell_shape") or "biconcave"
+    keys = at + "deformation_index", at + "cell_shape", at + "cell_radius_um"
+    return ks_of_index(index, shape, given["cell_radius_um"], calibration, keys=keys)["ks_uN_per_m"]
 
 
 def packaged_campaign() -> Path:
@@ -270,12 +324,18 @@ def keep_campaign(results: Path, directory: Path = CAMPAIGN_DATA) -> None:
             part.write_bytes((Path(results) / name).read_bytes())
 
 
-def check_model(model: surrogate.Surrogate, outcomes: pd.DataFrame, place: Path) -> None:
+def check_model(
+    model: surrogate.Surrogate, tables: Mapping[str, pd.DataFrame], place: Path
+) -> None:
     """Refuse a surrogate that was learnt from other outcomes. Raises DldsimError."""
-    if surrogate._data_hash(surrogate.learnable(outcomes)) != model.card["data"]["sha256"]:
+    data = learnable(with_survey(tables["outcomes"], tables.get("survey")))
+    if surrogate._data_hash(data) != model.card["data"]["sha256"]:
+        others = "outcomes.parquet there"
+        if "survey" in tables:
+            others += " and the survey that comes with the package"
         raise DldsimError(
-            f"{place}: the surrogate was learnt from other outcomes than those of outcomes.parquet "
-            "there. Fit it anew: `snakemake -j2 surrogate`."
+            f"{place}: the surrogate was learnt from other outcomes than those of {others}. Fit it "
+            "anew: `snakemake -j2 surrogate`."
         )
 
 

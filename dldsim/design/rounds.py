@@ -54,9 +54,9 @@ def verify(
     The best designs in which the cells part are simulated once more on a finer lattice at half the
     numerical Reynolds number: only what parts them there as well counts as separating.
 
-    ``request``: by deformation indices. ``simulate(geometry, population, height_um, finer)``
-    returns a row of `outcomes`; ``resistance`` one of `flows`. The best verified design is
-    simulated at ± height_tolerance_um too.
+    ``populations``: the request's cell types, ``chip``: at its flow. ``simulate(geometry,
+    population, height_um, finer)`` returns a row of `outcomes`; ``resistance`` one of `flows`. The
+    best verified design is simulated at ± height_tolerance_um too, and learnt from as well.
 
     Raises DldsimError as `search` does.
     """
@@ -72,8 +72,8 @@ def verify(
     spent = 0
     candidates = pd.DataFrame()
     for number in range(1, budget.rounds + 1):
-        task = Task(learnt, request, chip, derive_seed(seed, f"round {number}"))
-        candidates = search(learnt, request, chip, task.seed).designs
+        task = Task(learnt, request, populations, chip, derive_seed(seed, f"round {number}"))
+        candidates = search(learnt, request, populations, chip, task.seed).designs
         best = candidates.head(budget.designs_per_round).to_dict("records")
         tried = [pair["place"] for pair in pairs.values()]
         new = [c for c in best if all(distinct(request, c, t) for t in tried)]
@@ -122,12 +122,13 @@ def verify(
         if agreements and all(agreements):
             stop = Stop.CONFIRMED
             break
-    task = Task(learnt, request, chip, seed)
+    task = Task(learnt, request, populations, chip, seed)
     records += _finer_runs(task, pairs, populations, simulate, budget.finer_designs, say)
     designs = design_table(task, pairs, resistance, stop, stop.sentence(number, budget))
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
-        heights = _height_runs(task, designs, populations, simulate, budget.outcomes_max - spent)
+        heights, found = _height_runs(task, designs, simulate, budget.outcomes_max - spent)
         records += heights
+        rows |= {row["outcome_id"]: row for row in found}
         designs = _with_heights(designs, heights, chip.flow.height_um)
     return Verdicts(
         pd.DataFrame(records, columns=TABLES["verifications"].names),
@@ -180,6 +181,7 @@ def _failed(geometry: Geometry, population: Population, height_um: float, reason
         "pitch_um": geometry.pitch_um,
         "row_shift_fraction": geometry.row_shift_fraction,
         "height_um": height_um,
+        "cell_shape": population.shape,
         "cell_radius_um": population.radius_um,
         "status": "failed",
         "stop_reason": reason,
@@ -224,35 +226,39 @@ def _finer_runs(
     return records
 
 
-def _height_runs(task: Task, designs: pd.DataFrame, populations, simulate, left: int) -> list[dict]:
-    """The best design at both heights of the tolerance, as far as the budget goes."""
-    best, request = designs.iloc[0], task.request
+def _height_runs(
+    task: Task, designs: pd.DataFrame, simulate, left: int
+) -> tuple[list[dict], list[dict]]:
+    """The best design at both heights of the tolerance, as far as the budget goes.
+
+    Rows of `verifications` and of `outcomes`.
+    """
+    best, request, flow = designs.iloc[0], task.request, task.chip.flow
     if pd.isna(best["separation_deg"]):
-        return []
+        return [], []
     geometry = Geometry(**{name: best[name] for name in GEOMETRY})
-    found = []
+    records, outcomes = [], []
     for offset in (-request.height_tolerance_um, request.height_tolerance_um):
         if left < 2:
             break
         left -= 2
-        height = task.chip.flow.height_um + offset
-        rows = compare(
-            task, populations, geometry, simulate_pair(simulate, geometry, populations, height)
-        )
-        for row in rows:  # the surrogate knows one height: nothing was predicted for this one
-            row |= {"agrees": None, "verdict": "height off: not predicted, only simulated"}
-        found += [
+        changed = flow.model_copy(update={"height_um": flow.height_um + offset})
+        populations = [population._replace(flow=changed) for population in task.populations]
+        there = Task(task.surrogate, request, populations, task.chip.at(changed), task.seed)
+        found = simulate_pair(simulate, geometry, populations, changed.height_um)
+        outcomes += found
+        records += [
             {
                 "request": request.name,
                 "round": int(best["round"]),
                 "role": "height",
                 "array": int(best["array"]),
-                "height_um": height,
+                "height_um": changed.height_um,
                 **row,
             }
-            for row in rows
+            for row in compare(there, populations, geometry, found)
         ]
-    return found
+    return records, outcomes
 
 
 def _with_heights(

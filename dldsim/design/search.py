@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.surrogate import DOMAIN_TOLERANCE, Surrogate
+from dldsim.analysis.domain import DOMAIN_TOLERANCE
+from dldsim.analysis.surrogate import Surrogate
 from dldsim.config.design_sections import DesignRequest
 from dldsim.errors import DldsimError
 
 if TYPE_CHECKING:
     import optuna
-from dldsim.design.candidates import GRID_CHECKED, make_candidates, slices, tolerances
+from dldsim.design.candidates import make_candidates, slices, tolerances
 from dldsim.design.chip import Chip
+from dldsim.design.populations import Population, rows_of
 from dldsim.design.task import DECIMALS, NONE_BETTER, Task, check
 from dldsim.vocabulary import GEOMETRY
 
@@ -33,9 +35,10 @@ GRID_STEPS = (3, 5, 9, 17, 33)
 
 
 class Found(NamedTuple):
-    """Tables of one search: `designs`, `design_trials`, `design_tolerances`, `design_importance`,
-    `design_slices`."""
+    """Tables of one search: `design_populations`, `designs`, `design_trials`, `design_tolerances`,
+    `design_importance`, `design_slices`."""
 
+    populations: pd.DataFrame
     designs: pd.DataFrame
     trials: pd.DataFrame
     tolerances: pd.DataFrame
@@ -44,9 +47,15 @@ class Found(NamedTuple):
 
 
 def search(
-    surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int, each: Each | None = None
+    surrogate: Surrogate,
+    request: DesignRequest,
+    populations: Sequence[Population],
+    chip: Chip,
+    seed: int,
+    each: Each | None = None,
 ) -> Found:
-    """Ranked candidates and all trials of one request.
+    """Ranked candidates and all trials of one request; ``populations``: its cell types, ``chip``:
+    at its flow.
 
     Maximised is the request's objective over continuous P_r and P_g (to 10 nm) and whole N_p, by
     multivariate TPE or over a grid. Geometry that violates a constraint is recorded, not evaluated
@@ -65,10 +74,10 @@ def search(
     ``each`` is told of every trial of the estimator: its row of `design_trials`, `outside` and
     `time_s`. A grid has no trials in turn.
 
-    Raises DldsimError for a deformation index outside the training data, two equal cell types,
+    Raises DldsimError for a shape or a capillary number that was not learnt, two equal cell types,
     no feasible geometry, or a pressure limit without a table of flows.
     """
-    task = Task(surrogate, request, chip, seed)
+    task = Task(surrogate, request, populations, chip, seed)
     check(task)
     if request.sampler == "grid":
         trials, importance = _try_grid(task)
@@ -95,6 +104,7 @@ def search(
         )
     designs = make_candidates(task, feasible)
     return Found(
+        pd.DataFrame(rows_of(populations, request.name)),
         designs,
         trials.drop(columns=["outside", "time_s"]),
         tolerances(task, designs),
@@ -128,7 +138,7 @@ def _try(
         at = [np.array([v]) for v in place]
         limits = {name: float(np.squeeze(v)) for name, v in task.limits(*at).items()}
         broken = [name for name, value in limits.items() if value > 0]
-        outside = task.outside(*place)
+        outside = float(task.outside(*at)[0])
         for name, value in limits.items():
             trial.set_constraint(name, value)
         trial.set_constraint("training geometries", min(outside, NONE_BETTER) - DOMAIN_TOLERANCE)
@@ -172,11 +182,7 @@ def _within(value: float, bounds: Sequence[float]) -> float:
 
 
 def _try_grid(task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Every point of the request's grid as a trial, and the importance of its axes.
-
-    The exact distance from the training geometries is looked up for the best points only; the
-    others count as outside.
-    """
+    """Every point of the request's grid as a trial, and the importance of its axes."""
     start = perf_counter()
     place = task.grid(task.request.grid_steps)
     limits = task.limits(*place)
@@ -187,11 +193,7 @@ def _try_grid(task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
     if feasible.any():
         for name, found in task.values(*(v[feasible] for v in place)).items():
             values[name][feasible] = found
-    maybe = feasible & task.may_be_inside(*place)
-    outside = np.full(count, np.inf)
-    order = np.argsort(-np.where(maybe, values["value"], -np.inf), kind="stable")
-    for i in order[: min(GRID_CHECKED, int(maybe.sum()))]:
-        outside[i] = task.outside(*(v[i].item() for v in place))
+    outside = task.outside(*place)
     names = np.array(list(limits))
     trials = pd.DataFrame(
         {
@@ -205,7 +207,7 @@ def _try_grid(task: Task) -> tuple[pd.DataFrame, pd.DataFrame]:
             "time_s": perf_counter() - start,
         }
     )
-    return trials, grid_importance(trials[maybe])
+    return trials, grid_importance(trials[feasible & (outside <= DOMAIN_TOLERANCE)])
 
 
 def grid_importance(trials: pd.DataFrame) -> pd.DataFrame:
@@ -247,7 +249,13 @@ def _importance(study: "optuna.Study") -> pd.DataFrame:
     )
 
 
-def regret(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) -> pd.DataFrame:
+def regret(
+    surrogate: Surrogate,
+    request: DesignRequest,
+    populations: Sequence[Population],
+    chip: Chip,
+    seed: int,
+) -> pd.DataFrame:
     """What TPE, random and exhaustive search miss of the largest separation; `search_regret`.
 
     Whatever the request's objective, it is |Δθ| as predicted. A trial counts if it is feasible and
@@ -258,7 +266,7 @@ def regret(surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int) 
     import optuna
 
     request = request.model_copy(update={"objective": "separation"})
-    task = Task(surrogate, request, chip, seed)
+    task = Task(surrogate, request, populations, chip, seed)
     check(task)
     samplers = {
         "tpe": lambda seed: optuna.samplers.TPESampler(
@@ -307,10 +315,7 @@ def _exhaust(task: Task, steps: int) -> tuple[int, float]:
     good = np.all(
         [np.broadcast_to(v, len(place[0])) <= 0 for v in task.limits(*place).values()], axis=0
     )
-    good &= task.may_be_inside(*place)
+    good &= task.outside(*place) <= DOMAIN_TOLERANCE
     first, second = task.angles(*place)
-    separation = np.where(good, np.abs(second - first), -1.0)
-    for i in np.argsort(-separation, kind="stable")[: int(good.sum())]:
-        if task.outside(*(v[i].item() for v in place)) <= DOMAIN_TOLERANCE:
-            return len(good), float(separation[i])
-    return len(good), 0.0
+    separation = np.where(good, np.abs(second - first), 0.0)
+    return len(good), float(separation.max())

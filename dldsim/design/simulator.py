@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from dldsim.analysis import uncertainty
 from dldsim.config import identifiers
@@ -13,7 +12,6 @@ from dldsim.config.provenance import provenance, settings_hash
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl
 from dldsim.design.export import Verified
 from dldsim.design.populations import Population
-from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import (
     OutcomeFiles,
     Partial,
@@ -29,7 +27,7 @@ SHAPES_EVERY = 2
 
 
 class Scene(NamedTuple):
-    """What the campaign simulates with."""
+    """What the campaign simulates with, at the flow of a request."""
 
     cell: CellShape
     flow: Flow
@@ -41,8 +39,8 @@ class Simulator:
     """Outcomes of a verification, each release kept on disk as soon as it is done, and used again.
 
     Called with geometry, population and channel height [µm] it returns the row of `outcomes`. An
-    outcome is found again if everything it depends on is the same. The cell has its real radius:
-    what similarity assumes (height/R and membrane numbers unchanged) is part of what is checked.
+    outcome is found again if everything it depends on is the same. The cell has its own shape,
+    radius and moduli: what similarity assumes (moduli in proportion) is part of what is checked.
     """
 
     def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
@@ -72,15 +70,17 @@ class Simulator:
         return {
             **row,
             "deformation_index": population.deformation_index,
-            "deformation_index_std": population.deformation_index_std,
+            "deformation_index_std": None
+            if population.deformation_index is None
+            else population.deformation_index_std,
             **uncertainty.numerical_uncertainty(row, self.model),
         }
 
     def name(
         self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
     ) -> str:
-        """Identifier of an outcome; another height than the campaign's is part of it, in nm, and
-        so is a finer lattice."""
+        """Identifier of an outcome; another height than the scene's is part of it, in nm, and so is
+        a finer lattice."""
         name = population.name + "-finer" * finer
         if height_um != self.scene.flow.height_um:
             name += f"-h{1e3 * height_um:.0f}"
@@ -97,7 +97,7 @@ class Simulator:
         return Verified(row, {k: v[first] for k, v in columns.items()}, read_vtkhdf(shapes))
 
     def resistance(self, geometry: Geometry) -> dict[str, Any]:
-        """Row of `flows` of an array at the campaign's height, from the solver."""
+        """Row of `flows` of an array at the scene's height, from the solver."""
         path = self.directory / f"{identifiers.geometry_id(geometry)}.flow.parquet"
         scene = self.scene
         settings = {"flow": scene.flow.model_dump(), "numerics": scene.numerics.model_dump()}
@@ -150,7 +150,8 @@ class Simulator:
         )
 
     def _cell(self, population: Population) -> CellShape:
-        return self.scene.cell.model_copy(update={"radius_um": population.radius_um})
+        named = {"shape": population.shape, "radius_um": population.radius_um}
+        return self.scene.cell.model_copy(update=named)
 
     def _files(self, name: str) -> tuple[OutcomeFiles, Path]:
         """Tables of an outcome, and the shapes of its first release."""
@@ -165,29 +166,3 @@ class Simulator:
         if self._flow[0] != key:
             self._flow = key, solve_empty_array(geometry, scene.flow, scene.numerics)
         return self._flow[1]
-
-
-def conditions(outcomes: pd.DataFrame, scene: Scene) -> None:
-    """Refuse a table of outcomes made under other conditions than the scene's.
-
-    Raises DldsimError that names what differs.
-    """
-    wanted = {
-        "cell_shape": scene.cell.shape,
-        "height_um": scene.flow.height_um,
-        "mean_velocity_mm_s": scene.flow.mean_velocity_mm_s,
-    }
-    for name, value in wanted.items():
-        if name not in outcomes:
-            raise DldsimError(f"The table of outcomes lacks the column {name}.")
-        other = sorted(set(outcomes[name]) - {value})
-        if other:
-            made = ", ".join(map(str, other))
-            raise DldsimError(
-                f"The outcomes were made with {name} = {made}, the configuration has {value}. A "
-                "design holds only for what was simulated.",
-                key=name,
-                value=value,
-                allowed=made,
-                remedy="Give the configuration of that campaign with --config.",
-            )

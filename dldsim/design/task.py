@@ -1,22 +1,25 @@
 """One request on one surrogate: predictions, objective, constraints, and refusals."""
 
+from collections.abc import Sequence
 from functools import cached_property
-from math import sqrt
 from typing import Any
 
 import numpy as np
 
-from dldsim.analysis.surrogate import Surrogate
-from dldsim.config.design_sections import DesignRequest
+from dldsim.analysis.domain import DOMAIN_TOLERANCE, NAMES
+from dldsim.analysis.surrogate import LEVEL, Surrogate
+from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
 from dldsim.design.chip import Chip
+from dldsim.design.populations import Population
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
 
-CELL_TYPES = tuple(f"{key}_{i}" for i in "12" for key in ("deformation_index", "stiffness_set")) + (
-    "radius_1_um",
-    "radius_2_um",
+CELL_TYPES = tuple(
+    key.format(i) for key in (*DEFORMABILITIES, "shape_{}", "radius_{}_um") for i in "12"
 )
 """Settings that name the two cell types."""
+DEFORMED = 5
+"""Values of Ca over the interval of a cell type at which its interval of angles is looked up."""
 EXCEEDED_BY = 0.9
 """Share of the Monte Carlo draws whose separation is larger than the robust one."""
 COVERAGE = 0.9
@@ -34,38 +37,57 @@ NONE_BETTER = 1e3
 class Task:
     """One request on one surrogate: predictions for both cell types over arrays of geometries."""
 
-    def __init__(self, surrogate: Surrogate, request: DesignRequest, chip: Chip, seed: int):
+    def __init__(
+        self,
+        surrogate: Surrogate,
+        request: DesignRequest,
+        populations: Sequence[Population],
+        chip: Chip,
+        seed: int,
+    ):
         self.surrogate, self.request, self.chip, self.seed = surrogate, request, chip, seed
-        self.cells = [
-            (getattr(request, f"deformation_index_{i}"), getattr(request, f"radius_{i}_um"))
-            for i in (1, 2)
-        ]
-        self.spreads = [getattr(request, f"deformation_index_std_{i}") or 0.0 for i in (1, 2)]
-        self.radii = {radius for _, radius in self.cells}
+        self.populations = populations
+        self.cells = [population.cell for population in populations]
 
     def angles(self, radius, gap, periodicity) -> tuple[np.ndarray, np.ndarray]:
         """Predicted angles [deg] of both cell types."""
-        return tuple(self.surrogate.predict(radius, gap, periodicity, *cell) for cell in self.cells)
-
-    def inside(self, radius, gap, periodicity) -> np.ndarray:
-        """Whether the surrogate interpolates for each cell type, (2, n)."""
-        return np.array(
-            [self.surrogate.inside_domain(radius, gap, periodicity, *cell) for cell in self.cells]
+        first, second = (
+            self.surrogate.predict(radius, gap, periodicity, cell) for cell in self.cells
         )
+        return first, second
 
     def half_widths(self, radius, gap, periodicity) -> tuple[np.ndarray, np.ndarray]:
         """Half-widths [deg] of both prediction intervals, the wider side of each."""
         found = []
         for cell in self.cells:
-            angle = self.surrogate.predict(radius, gap, periodicity, *cell)
-            low, high = self.surrogate.predict_interval(radius, gap, periodicity, *cell)
+            angle = self.surrogate.predict(radius, gap, periodicity, cell)
+            low, high = self.surrogate.predict_interval(radius, gap, periodicity, cell)
             found.append(np.maximum(high - angle, angle - low))
-        return tuple(found)
+        first, second = found
+        return first, second
+
+    def inside(self, radius, gap, periodicity) -> np.ndarray:
+        """Whether the surrogate interpolates for each cell type, (2, n)."""
+        return np.array(
+            [self.surrogate.inside_domain(radius, gap, periodicity, cell) for cell in self.cells]
+        )
+
+    def intervals(self, radius, gap, periodicity) -> list[tuple[np.ndarray, np.ndarray]]:
+        """`angle_interval` of both cell types."""
+        return [
+            angle_interval(self.surrogate, population, radius, gap, periodicity)
+            for population in self.populations
+        ]
+
+    def known(self, k: int) -> tuple[float, float]:
+        """Range of ln Ca that was learnt of a cell type's shape."""
+        low, high = self.surrogate.domains[self.cells[k].shape].capillary_number
+        return float(np.log(low)), float(np.log(high))
 
     @cached_property
     def draws(self) -> np.ndarray:
         """Quasi-random numbers (6, draws): offsets of P_r and P_g in tolerances, normal deviates of
-        both deformation indices and of both prediction errors."""
+        both logarithms of Ca and of both prediction errors."""
         from scipy.stats import norm, qmc
 
         count = self.request.draws
@@ -73,11 +95,18 @@ class Task:
         points = sequence.random_base2((count - 1).bit_length())[:count].T
         return np.vstack([2 * points[:2] - 1, norm.ppf(np.clip(points[2:], 1e-6, 1 - 1e-6))])
 
+    def drawn_capillary(self, k: int) -> np.ndarray:
+        """Capillary numbers of a cell type in the draws, (draws,): two halves of normal
+        distributions of ln Ca, as wide as its interval on either side."""
+        normal, (below, above) = self.draws[2 + k], self.populations[k].spread
+        middle = np.log(self.populations[k].capillary_number)
+        return np.exp(np.clip(middle + np.where(normal < 0, below, above) * normal, *self.known(k)))
+
     def drawn(self, radius, gap, periodicity) -> np.ndarray:
         """Angles (2, n, draws) [deg] of n geometries with the spread of the cells, the fabrication
         tolerance, and the error of the prediction, as if normal and independent.
 
-        Deformation indices drawn beyond the training data are taken at its edge.
+        Capillary numbers drawn beyond the training data are taken at its edge.
         """
         off_radius, off_gap, *normal = self.draws
         radius, gap, periodicity = (
@@ -88,13 +117,11 @@ class Task:
         gap = np.maximum(gap + self.request.tolerance_um * off_gap, 1e-3)
         periodicity = np.broadcast_to(periodicity, radius.shape)
         angles = []
-        for k, (index, cell) in enumerate(self.cells):
-            drawn = np.clip(
-                index + self.spreads[k] * normal[k], *self.surrogate.deformation_index_range
-            )
-            drawn = np.broadcast_to(drawn, radius.shape)
+        for k, population in enumerate(self.populations):
+            drawn = np.broadcast_to(self.drawn_capillary(k), radius.shape)
+            cell = population.cell_at(drawn.ravel())
             angle = self.surrogate.predict(
-                radius.ravel(), gap.ravel(), periodicity.ravel(), drawn.ravel(), cell
+                radius.ravel(), gap.ravel(), periodicity.ravel(), cell
             ).reshape(radius.shape)
             angles.append(angle + errors[k][:, None] / NORMAL_HALF_WIDTH * normal[2 + k])
         return np.stack(angles)
@@ -139,7 +166,7 @@ class Task:
 
     def limits(self, radius, gap, periodicity) -> dict[str, np.ndarray]:
         """All constraints; above zero is violated. See `violations`."""
-        found = violations(self.request, self.chip, radius, gap)
+        found = violations(self.request, self.populations, self.chip, radius, gap)
         most = self.request.pressure_max_kPa
         if most is not None:
             length = self.length_mm(*self.angles(radius, gap, periodicity))
@@ -147,16 +174,10 @@ class Task:
             found["pressure drop must stay below its limit"] = np.minimum(excess, NONE_BETTER)
         return found
 
-    def outside(self, radius: float, gap: float, periodicity: int) -> float:
+    def outside(self, radius, gap, periodicity) -> np.ndarray:
         """Distance outside the training geometries, of the cell type for which it is larger."""
-        return max(
-            self.surrogate.distance_outside(radius, gap, periodicity, cell) for cell in self.radii
-        )
-
-    def may_be_inside(self, radius, gap, periodicity) -> np.ndarray:
-        """False where `outside` surely exceeds DOMAIN_TOLERANCE, (n,)."""
-        return np.all(
-            [self.surrogate.may_be_inside(radius, gap, periodicity, cell) for cell in self.radii],
+        return np.max(
+            [self.surrogate.distance_outside(radius, gap, periodicity, c) for c in self.cells],
             axis=0,
         )
 
@@ -171,59 +192,103 @@ class Task:
         return tuple(v.ravel() for v in np.meshgrid(*axes, indexing="ij"))
 
 
-def squeezed_width_um(radius_um: float, deformation_index: float) -> float:
-    """Narrowest width that a cell has been seen to take [µm].
+def angle_interval(
+    surrogate: Surrogate,
+    population: Population,
+    pillar_radius_um,
+    gap_um,
+    periodicity,
+    level: float = LEVEL,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest angle [deg] of a cell type, (n,) each: the ends of its prediction intervals
+    anywhere between the ends of its interval of Ca, as far as that was learnt."""
+    low, high = (population.capillary(ks) for ks in (population.ks_high, population.ks_low))
+    least, largest = surrogate.domains[population.shape].capillary_number
+    found = [
+        surrogate.predict_interval(
+            pillar_radius_um, gap_um, periodicity, population.cell_at(capillary), level
+        )
+        for capillary in np.unique(np.clip(np.geomspace(low, high, DEFORMED), least, largest))
+    ]
+    lows, highs = zip(*found, strict=True)
+    return np.min(lows, axis=0), np.max(highs, axis=0)
 
-    In the calibration's throat a cell of deformation index DI = (a − b)/(a + b) has axes a and b.
-    If its projected area stays that of a disc of radius R, ab = (2R)², so that
-    b = 2R √((1 − DI)/(1 + DI)). A gap narrower than b would need a larger deformation than the one
-    measured; an undeformable cell needs 2R.
-    """
-    return 2 * radius_um * sqrt((1 - deformation_index) / (1 + deformation_index))
 
-
-def violations(request: DesignRequest, chip: Chip, pillar_radius_um, gap_um) -> dict[str, Any]:
+def violations(
+    request: DesignRequest, populations: Sequence[Population], chip: Chip, pillar_radius_um, gap_um
+) -> dict[str, Any]:
     """Geometric constraints; above zero is violated, by so many µm (aspect ratio: by so much)."""
-    first, second = request.deformation_index_1, request.deformation_index_2
-    assert first is not None and second is not None  # those of the stiffness sets are filled in
-    width = max(
-        squeezed_width_um(request.radius_1_um, first),
-        squeezed_width_um(request.radius_2_um, second),
-    )
     return {
         "gap must exceed pillar radius + safety distance": pillar_radius_um
         + chip.safety_distance_um
         + TINY
         - gap_um,
-        "gap must pass the squeezed cells": width - gap_um,
+        "gap must pass the squeezed cells": max(p.width_um for p in populations) - gap_um,
         "pillars must not be too slender": chip.flow.height_um / (2 * pillar_radius_um)
         - request.pillar_aspect_ratio_max,
     }
 
 
+def extrapolated(task: Task) -> list[str]:
+    """Cell types whose channel height over radius was not learnt, in words."""
+    found = []
+    for population in task.populations:
+        domain = task.surrogate.domains[population.shape]
+        if not domain.holds(population.cell_at(domain.capillary_number[0]))[0]:
+            height = population.flow.height_um / population.radius_um
+            found.append(
+                f"height/R {height:.3g} of cell type {population.number} was not learnt "
+                f"({NAMES[population.shape]}: {domain.words})"
+            )
+    return found
+
+
+def check_cell(name: str, population: Population, surrogate: Surrogate) -> None:
+    """Refuse a cell type of a shape or a capillary number that was not learnt.
+
+    Raises DldsimError that names the field, and what was learnt.
+    """
+    shape, i = population.shape, population.number
+    if shape not in surrogate.domains:
+        known = ", ".join(sorted(surrogate.domains))
+        raise DldsimError(
+            f"{name}: {population.shape_key} = {shape} was not learnt (learnt: {known}).",
+            key=population.shape_key,
+            value=shape,
+            allowed=known,
+            remedy="Choose one of these, or learn from the survey (surrogate.survey: true).",
+        )
+    low, high = surrogate.domains[shape].capillary_number
+    capillary, slack = population.capillary_number, (high / low) ** DOMAIN_TOLERANCE * (1 + 1e-6)
+    if not low / slack <= capillary <= high * slack:
+        ks, flow = population.stiffness.ks_uN_per_m, population.flow
+        each = capillary / flow.mean_velocity_mm_s
+        raise DldsimError(
+            f"{name}: cell type {i} ({shape}, k_s {ks:.4g} µN/m) at {flow.mean_velocity_mm_s:g} "
+            f"mm/s has Ca = μU/k_s = {capillary:.3g}; learnt of {NAMES[shape]}: {low:.3g} to "
+            f"{high:.3g}.",
+            key=(population.key, "velocity_mm_s"),
+            value=capillary,
+            allowed=f"Ca {low:.3g} to {high:.3g}",
+            remedy=f"At this stiffness, velocities of {low / each:.3g} to {high / each:.3g} mm/s "
+            "are known" + (", and rigid cells" if shape == "sphere" else "") + ".",
+        )
+
+
 def check(task: Task) -> None:
     """Refuse what cannot be answered. Raises DldsimError that names key and allowed range."""
     request, chip = task.request, task.chip
-    low, high = task.surrogate.deformation_index_range
     name = f"design request {request.name}"
-    for i, (index, _) in enumerate(task.cells, start=1):
-        if index is None or not low <= index <= high:
-            key, allowed = f"deformation_index_{i}", f"{low:.4g} to {high:.4g}"
-            raise DldsimError(
-                f"{name}: {key} = {index} is outside the training data of the surrogate, "
-                f"{allowed}.",
-                key=key,
-                value=index,
-                allowed=allowed,
-                remedy="Choose one inside, or a campaign that reaches it.",
-            )
+    for population in task.populations:
+        check_cell(name, population, task.surrogate)
     if task.cells[0] == task.cells[1]:
-        index, radius = task.cells[0]
+        cell = task.populations[0]
         raise DldsimError(
-            f"{name}: both cell types have deformation index {index:g} and radius {radius:g} µm; "
-            "no array separates equals.",
-            key=CELL_TYPES,
-            value=index,
+            f"{name}: both cell types are {NAMES[cell.shape]} with k_s "
+            f"{cell.stiffness.ks_uN_per_m:.4g} µN/m and radius {cell.radius_um:g} µm; no array "
+            "separates equals.",
+            key=[key for key in CELL_TYPES if getattr(request, key) not in (None, False)],
+            value=cell.stiffness.ks_uN_per_m,
             allowed="different cell types",
             remedy="Change one of them.",
         )
@@ -234,7 +299,7 @@ def check(task: Task) -> None:
     widest = request.gap_um[1]
     broken = {
         text: value
-        for text, value in violations(request, chip, thinnest, widest).items()
+        for text, value in violations(request, task.populations, chip, thinnest, widest).items()
         if value > 0
     }
     if broken:

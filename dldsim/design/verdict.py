@@ -34,9 +34,12 @@ def compare(
                     "population": str(population.number),
                     **geometry.model_dump(),
                     "outcome_id": row["outcome_id"],
-                    "deformation_index": population.deformation_index,
+                    "cell_shape": population.shape,
                     "cell_radius_um": population.radius_um,
+                    "mean_velocity_mm_s": population.flow.mean_velocity_mm_s,
+                    "deformation_index": population.deformation_index,
                     "ks_uN_per_m": population.stiffness.ks_uN_per_m,
+                    "capillary_number": population.capillary_number,
                     "stiffness_basis": population.basis,
                     "predicted_deg": angles[k],
                     "simulated_deg": row["migration_angle_deg"],
@@ -60,9 +63,12 @@ def compare(
                 "population": "difference",
                 **geometry.model_dump(),
                 "outcome_id": f"{first['outcome_id']}, {second['outcome_id']}",
-                "deformation_index": None,
+                "cell_shape": None,
                 "cell_radius_um": None,
+                "mean_velocity_mm_s": task.chip.flow.mean_velocity_mm_s,
+                "deformation_index": None,
                 "ks_uN_per_m": None,
+                "capillary_number": None,
                 "stiffness_basis": "",
                 "predicted_deg": angles[1] - angles[0],
                 "simulated_deg": second["migration_angle_deg"] - first["migration_angle_deg"]
@@ -94,7 +100,7 @@ def _judged(row: dict, half_width_deg: float, inside: bool) -> dict:
     if simulated is None:
         verdict = "no angle to compare with"
     elif not inside:
-        verdict = "not compared: outside the training geometries"
+        verdict = "not compared: outside what was learnt"
     else:
         agrees = low - sigma <= simulated <= high + sigma
         off = simulated - row["predicted_deg"]

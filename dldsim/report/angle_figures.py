@@ -40,6 +40,8 @@ AXIS_LABEL = {
     "gap_um": "gap $P_g$ [µm]",
     "periodicity": "periodicity $N_p$",
     "deformation_index": "deformation index DI",
+    "capillary_number": "capillary number Ca",
+    "vertical_confinement": "2R / channel height",
 }
 
 

@@ -9,6 +9,7 @@ from dldsim.report.sections import designs, search
 from dldsim.tables.parquet import describe, read_table
 
 KINDS = (
+    "design_populations",
     "designs",
     "design_trials",
     "design_tolerances",
@@ -67,7 +68,7 @@ def _origin(page: Page) -> dict:
         f"SHA-256 {data['sha256'][:16]}…",
         "its error on arrays never seen": f"median "
         f"{scores['median_absolute_error_deg']:.2f}°, root mean square {scores['rmse_deg']:.2f}°",
-        "holds for": settings["holds_for"],
+        "learnt of": settings["holds_for"],
         "flow": json.dumps(settings["flow"], ensure_ascii=False),
         **{
             f"request: {key}": json.dumps(value, ensure_ascii=False)

@@ -20,6 +20,10 @@ SYMBOLS = {
     "gap_um": GAP,
     "periodicity": PERIODICITY,
     "deformation_index": "DI",
+    "log_capillary_number": "ln Ca",
+    "capillary_number": "Ca",
+    "ks_1_uN_per_m": Markup("<i>k</i><sub>s</sub> of cell 1"),
+    "ks_2_uN_per_m": Markup("<i>k</i><sub>s</sub> of cell 2"),
 }
 
 

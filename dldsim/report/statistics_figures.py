@@ -15,6 +15,8 @@ MODEL_TITLE = {
     "hierarchical": "hierarchical model",
     "main_effects": "main effects alone",
     "seed_interactions": "interactions alone (source paper)",
+    "hierarchical_ca": "hierarchical model, ln Ca",
+    "main_effects_ca": "main effects alone, ln Ca",
 }
 
 
@@ -38,6 +40,8 @@ def term_label(name: str) -> str:
         ("gap_um", "$P_g$"),
         ("periodicity", "$N_p$"),
         ("deformation_index", "DI"),
+        ("log_capillary_number", "ln Ca"),
+        ("capillary_number", "Ca"),
         (":", " × "),
     ):
         name = name.replace(column, symbol)
@@ -54,8 +58,7 @@ def draw_effects(anova: pd.DataFrame) -> Figure:
     given = list(dict.fromkeys(table["model"]))
     models = sorted(given, key=lambda m: [*MODEL_TITLE, m].index(m))
     counts = [(table["model"] == model).sum() for model in models]
-    figure = Figure(figsize=(9.2, 1.2 + 0.24 * max(counts)), layout="constrained")
-    panels = figure.subplots(1, len(models), squeeze=False, sharex=True)[0]
+    figure, panels = multiples(len(models), 3, 9.2, 1.2 + 0.24 * max(counts), sharex=True)
     for panel, model in zip(panels, models, strict=True):
         part = table[table["model"] == model].iloc[::-1]
         p = part["p_permutation"].fillna(part["p_value"]).astype(float)
@@ -75,6 +78,7 @@ def draw_effects(anova: pd.DataFrame) -> Figure:
         panel.set_ylim(len(part) - max(counts) - 0.6, len(part) - 0.4)
         panel.set_title(MODEL_TITLE.get(model, model))
         panel.set(xlabel="effect size", xlim=(-0.08, 1))
+        panel.tick_params(axis="x", labelbottom=True)
     legend(
         figure,
         [

@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dldsim.analysis.regressors import pooled
+from dldsim.analysis.benchmark import pooled
+from dldsim.analysis.regressors import ON_INDEX
 from dldsim.report.angle_figures import AXIS_LABEL, BOX
 from dldsim.report.statistics_figures import term_label
 from dldsim.report.style import (
@@ -62,6 +63,65 @@ def pooled_scores(predictions: pd.DataFrame) -> pd.DataFrame:
     by_geometry = scores[scores["split"] == "geometry"].set_index("model")["rmse_deg"]
     order = scores["model"].map(by_geometry).fillna(np.inf)
     return scores.assign(order=order).sort_values(["order", "model", "split"]).drop(columns="order")
+
+
+def on_same_rows(predictions: pd.DataFrame) -> pd.DataFrame:
+    """Regressors in the source's form beside the same on Ca, on outcomes with a deformation index.
+
+    Columns: model, n, and rmse_deg, median_deg and r2 as `…_ca` and `…_index`; by geometry.
+    """
+    part = predictions[predictions["split"] == "geometry"]
+    rows = []
+    for name in dict.fromkeys(part["model"]):
+        by_index = part[part["model"] == name + ON_INDEX]
+        if by_index.empty:
+            continue
+        both = part[part["model"] == name].merge(by_index[["outcome_id", "repeat"]])
+        row = {"model": name, "n": len(by_index)}
+        for form, table in (("ca", both), ("index", by_index)):
+            score = pooled(table)
+            row |= {
+                f"rmse_deg_{form}": score["rmse_deg"],
+                f"median_deg_{form}": score["median_absolute_error_deg"],
+                f"r2_{form}": score["r2"],
+            }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def by_kind(predictions: pd.DataFrame, model: str) -> pd.DataFrame:
+    """Errors of one model on arrays held out by cell shape and source; columns as `pooled` has."""
+    part = predictions[(predictions["model"] == model) & (predictions["split"] == "geometry")]
+    return pd.DataFrame(
+        [
+            {"cell_shape": shape, "source": source, **pooled(group)}
+            for (shape, source), group in part.groupby(["cell_shape", "source"])
+        ]
+    )
+
+
+SHAPE_COLOUR = {"biconcave": "#D55E00", "sphere": "#0072B2", "ellipsoid": "#009E73"}
+SHAPE_MARKER = {"biconcave": "D", "sphere": "o", "ellipsoid": "s"}
+
+
+@styled
+def draw_conditions(predictions: pd.DataFrame, model: str) -> Figure:
+    """Residuals of one model on arrays held out over capillary number and channel height."""
+    part = predictions[(predictions["model"] == model) & (predictions["split"] == "geometry")]
+    figure = Figure(figsize=(9.2, 3.4), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    shapes = [shape for shape in SHAPE_COLOUR if (part["cell_shape"] == shape).any()]
+    for panel, name in zip(panels, ("capillary_number", "vertical_confinement"), strict=True):
+        for shape in shapes:
+            here = part[part["cell_shape"] == shape]
+            residual = here["predicted_deg"] - here["observed_deg"]
+            colour, marker = SHAPE_COLOUR[shape], SHAPE_MARKER[shape]
+            dot(panel, here[name], residual, colour, marker, True, markersize=3.5, alpha=0.7)
+        panel.axhline(0, color="black", linewidth=0.8)
+        panel.set(xlabel=AXIS_LABEL[name])
+    panels[0].set(xscale="log", ylabel="predicted − simulated [°]")
+    legend(figure, [key(SHAPE_COLOUR[s], SHAPE_MARKER[s], label=s) for s in shapes])
+    return figure
 
 
 @styled
@@ -197,10 +257,9 @@ def draw_parity(predictions: pd.DataFrame, scores: pd.DataFrame, model: str) -> 
 
 
 @styled
-def draw_residuals(predictions: pd.DataFrame, outcomes: pd.DataFrame, model: str) -> Figure:
+def draw_residuals(predictions: pd.DataFrame, model: str) -> Figure:
     """Residuals of one model on arrays held out: over the prediction, by N_p, and their spread."""
     part = predictions[(predictions["model"] == model) & (predictions["split"] == "geometry")]
-    part = part.merge(outcomes[["outcome_id", "periodicity", "mode"]], on="outcome_id")
     residual = part["predicted_deg"] - part["observed_deg"]
     figure = Figure(figsize=(9.2, 3.4), layout="constrained")
     over, by, spread = figure.subplots(1, 3, sharey=True, width_ratios=(1.3, 1, 0.7))
@@ -236,6 +295,8 @@ def draw_partial_dependence(table: pd.DataFrame) -> Figure:
     figure, panels = multiples(len(pairs), 2, 9.2, 3.2)
     low, high = table["angle_deg"].min(), table["angle_deg"].max()
     for panel, (x_name, y_name) in zip(panels, pairs, strict=True):
+        if x_name == "capillary_number":
+            panel.set_xscale("log")
         here = table[(table["x_name"] == x_name) & (table["y_name"] == y_name)]
         grid = here.pivot(index="y", columns="x", values="angle_deg")
         image = panel.pcolormesh(

@@ -6,7 +6,7 @@ TABLES = {
     "anova": table(
         "anova.parquet",
         "anova",
-        text("model", "main_effects, seed_interactions or hierarchical"),
+        text("model", "main_effects, seed_interactions or hierarchical; _ca: ln Ca in place of DI"),
         text("term", "factor, interaction or residual"),
         *optional(
             real("sum_sq", "deg²", "sum of squares, type II"),
@@ -23,7 +23,7 @@ TABLES = {
     "anova_diagnostics": table(
         "anova_diagnostics.parquet",
         "anova",
-        text("model", "main_effects, seed_interactions or hierarchical"),
+        text("model", "main_effects, seed_interactions or hierarchical; _ca: ln Ca in place of DI"),
         text("test", "what is looked at"),
         *optional(
             real("statistic", "see test", "its value"),
@@ -60,7 +60,7 @@ TABLES = {
         "sensitivity",
         *GEOMETRY,
         text("stiffness_set", "name of the membrane"),
-        real("deformation_index", "1", "of the stiffness set"),
+        real("capillary_number", "1", "μU/k_s, with the spring constant"),
         real("cell_radius_um", "µm", "largest radius of the rest shape"),
         real("radius_error_um", "µm", "standard deviation of P_r at the pitch of the mask"),
         real("moved_limit_deg", "°", "change of the angle that counts as moved"),
@@ -104,12 +104,18 @@ TABLES = {
         "predictions.parquet",
         "benchmark",
         OUTCOME_ID,
+        text("source", "campaign or survey"),
+        text("cell_shape", "rest shape"),
+        GEOMETRY[2],
+        real("capillary_number", "1", "μU/k_s, with the spring constant"),
+        real("vertical_confinement", "1", "2R / channel height; 0: no top and bottom"),
         text("model", "regressor"),
         text("split", "random, by geometry, or by stiffness set"),
         count("repeat", "number of the repetition"),
         count("fold", "number of the split"),
         real("observed_deg", "°", "simulated migration angle"),
         real("predicted_deg", "°", "predicted migration angle"),
+        text("mode", "mode after the simulated angle"),
         flag("decided", "whether the simulated motion had settled"),
     ),
     "learning_curve": table(

@@ -11,6 +11,33 @@ REQUESTS = (
 )
 
 TABLES = {
+    "design_populations": table(
+        "design_populations.parquet",
+        "designs",
+        text("request", "name of the design request"),
+        text("population", "cell type 1 or 2"),
+        text("cell_shape", "rest shape"),
+        real("cell_radius_um", "µm", "largest radius of the rest shape"),
+        real("height_um", "µm", "channel height; 0: no top and bottom"),
+        real("mean_velocity_mm_s", "mm/s", "mean velocity over the unit cell"),
+        flag("rigid", "a bead"),
+        text("assay", "calibration by which the index was turned into k_s; empty: k_s was named"),
+        real("deformation_index", "1", "as named, or of the stiffness set", nullable=True),
+        real("deformation_index_std", "1", "spread of it among cells"),
+        real("ks_uN_per_m", "µN/m", "edge spring constant k_s"),
+        real("ks_low_uN_per_m", "µN/m", "k_s one standard deviation lower"),
+        real("ks_high_uN_per_m", "µN/m", "k_s one standard deviation higher"),
+        real("capillary_number", "1", "μU/k_s"),
+        real("capillary_number_low", "1", "at the upper end of k_s"),
+        real("capillary_number_high", "1", "at the lower end of k_s"),
+        text("stiffness_basis", "where the moduli come from"),
+        real("narrowest_width_um", "µm", "a gap must not be narrower"),
+        text("narrowest_width_basis", "on what that rests"),
+        flag(
+            "told_apart", "whether the assay tells the two cell types apart; null: none did", True
+        ),
+        text("doubt", "what to know first, in words; empty: nothing"),
+    ),
     "designs": table(
         "designs.parquet",
         "designs",
@@ -25,6 +52,15 @@ TABLES = {
         real("separation_deg", "°", "difference of the two predicted angles"),
         real("angle_1_deg", "°", "predicted angle of the first cell type"),
         real("angle_2_deg", "°", "predicted angle of the second cell type"),
+        *(
+            real(
+                f"angle_{i}_{side}_deg",
+                "°",
+                f"{end} end of the 90 % intervals over the interval of k_s, cell type {i}",
+            )
+            for i in (1, 2)
+            for side, end in (("low", "lower"), ("high", "upper"))
+        ),
         text("mode_1", "predicted mode of the first cell type"),
         text("mode_2", "predicted mode of the second cell type"),
         real("separation_tolerance_min_deg", "°", "least separation within the tolerance", True),
@@ -62,7 +98,7 @@ TABLES = {
         text("request", "name of the design request"),
         count("design", "number of the candidate within its request"),
         text("parameter", "what is off; edge_um: every pillar edge outwards at the same pitch"),
-        real("offset", "µm; 1 for a deformation index", "by how much"),
+        real("offset", "µm; µN/m for k_s", "by how much"),
         real("angle_1_deg", "°", "predicted angle of the first cell type"),
         real("angle_2_deg", "°", "predicted angle of the second cell type"),
         real("separation_deg", "°", "their difference, negative if the order is reversed"),
@@ -101,10 +137,13 @@ TABLES = {
         *GEOMETRY,
         real("height_um", "µm", "channel height"),
         text("outcome_id", "identifier of the outcome; of both for the difference"),
+        real("mean_velocity_mm_s", "mm/s", "mean velocity over the unit cell"),
         *optional(
-            real("deformation_index", "1", "of the cell type"),
+            text("cell_shape", "rest shape of the cell type"),
             real("cell_radius_um", "µm", "radius of the cell type"),
+            real("deformation_index", "1", "of the cell type, as named or of its set"),
             real("ks_uN_per_m", "µN/m", "edge spring constant k_s as simulated"),
+            real("capillary_number", "1", "μU/k_s"),
         ),
         text("stiffness_basis", "where the moduli come from"),
         real("predicted_deg", "°", "prediction before the simulation"),

@@ -33,6 +33,7 @@ PLAUSIBLE = {
     "periodicity": (2, 100),
     "cell_radius_um": (0.1, 100),
     "deformation_index": (0, 1),
+    "capillary_number": (0, 1e6),
     "migration_angle_deg": (-90, 90),
     "mean_velocity_mm_s": (1e-6, 1e4),
     "velocity_mm_s": (1e-6, 1e4),

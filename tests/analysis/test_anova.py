@@ -212,12 +212,14 @@ def test_every_row_that_is_left_out_is_counted_once():
 
 
 def test_rows_beyond_the_bound_are_counted(monkeypatch):
-    monkeypatch.setattr("dldsim.analysis.anova.ROWS_MOST", 60)
+    monkeypatch.setattr("dldsim.analysis.anova_rows.ROWS_MOST", 60)
     frame = factorial(noisy(r=1))
     table = anova(frame)
     assert "21 of 81 rows left out: at most 60" in pick(table, "main_effects", "rows")["note"]
     assert pick(table, "main_effects", "residual")["df"] == 60 - 8
-    monkeypatch.setattr("dldsim.analysis.anova.ROWS_MOST", 170)  # two of each cell stay balanced
+    monkeypatch.setattr(
+        "dldsim.analysis.anova_rows.ROWS_MOST", 170
+    )  # two of each cell stay balanced
     table = anova(
         pd.concat(
             [
@@ -481,3 +483,43 @@ def test_diagnostics_tell_modes_from_noise():
     assert modes["p_value"] < 0.01
     unequal = of(lambda r, g, n, d: draw.normal() * (n - 3) ** 2, "Breusch–Pagan LM")
     assert unequal["p_value"] < 0.01
+
+
+def test_ca_stands_beside_the_index():
+    """An angle in ln Ca, which the index of three sets follows not: Ca tells more of it."""
+    capillary = {"1": 0.1, "2": 0.4, "3": 0.037}
+    frame = factorial(lambda r, g, n, d: 0.2 * r)
+    frame["capillary_number"] = frame["stiffness_set"].map(capillary)
+    rng = np.random.default_rng(3)
+    frame["migration_angle_deg"] += np.log(frame["capillary_number"]) + rng.normal(
+        scale=0.1, size=81
+    )
+    table, tests = analyse(frame)
+    models = ["main_effects", "seed_interactions", "hierarchical"]
+    assert list(dict.fromkeys(table["model"])) == [*models, "main_effects_ca", "hierarchical_ca"]
+    assert set(tests["model"]) == set(table["model"])
+    by_index = pick(table, "main_effects", "deformation_index")
+    by_ca = pick(table, "main_effects_ca", "log_capillary_number")
+    assert by_ca["partial_eta_sq"] > 0.95 > 0.8 > by_index["partial_eta_sq"] and by_ca["df"] == 1
+    assert by_ca["p_permutation"] <= 0.01
+    crossed = pick(table, "hierarchical_ca", "log_capillary_number:gap_um")
+    assert crossed["p_value"] > 0.01
+    # the models of the source's form do not notice it
+    alone, _ = analyse(frame.drop(columns="capillary_number"))
+    pd.testing.assert_frame_equal(alone, table[table["model"].isin(models)].reset_index(drop=True))
+
+
+@pytest.mark.parametrize("spoil", [lambda c: c.where(c.index > 0), lambda c: 0 * c + 0.1])
+def test_without_ca_in_each_row_or_a_difference_there_are_no_such_models(spoil):
+    frame = factorial(noisy(r=1.0, d=2.0))
+    frame["capillary_number"] = spoil(1 - frame["deformation_index"])
+    assert not anova(frame)["model"].str.endswith("_ca").any()
+
+
+def test_velocity_is_in_ca_and_no_doubt_of_its_models():
+    frame = factorial(noisy(r=1.0, d=2.0)).assign(
+        capillary_number=lambda t: 0.1 + 0.01 * (t.index % 5),
+        mean_velocity_mm_s=lambda t: 1.0 + t.index % 2,
+    )
+    noted = anova(frame).query("term == 'mean_velocity_mm_s'")
+    assert set(noted["model"]) == {"main_effects", "seed_interactions", "hierarchical"}

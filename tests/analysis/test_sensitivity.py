@@ -1,14 +1,13 @@
 """Laws of Sobol indices, partial dependence and fabrication risk, on a surrogate by hand."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from dldsim.analysis import sensitivity, surrogate
 from dldsim.analysis.regressors import angle_of
 from dldsim.errors import DldsimError
 from dldsim.tables.registry import COLUMNS
-from tests.analysis.test_surrogate import make_outcomes
+from tests.analysis.made_outcomes import CAPILLARY, make_outcomes
 
 
 class Law:
@@ -17,16 +16,17 @@ class Law:
     def __init__(self, share):
         self.law = share
 
-    def share(self, *at):
-        radius, gap, rows, index, _ = np.broadcast_arrays(*map(np.atleast_1d, at))
-        return np.asarray(self.law(radius, gap, rows, index), float)
+    def share(self, radius, gap, rows, cell):
+        values = radius, gap, rows, cell.capillary_number
+        return np.asarray(self.law(*np.broadcast_arrays(*map(np.atleast_1d, values))), float)
 
     def predict(self, *at):
         share = self.share(*at)
         return angle_of(share, np.broadcast_to(np.atleast_1d(at[2]), share.shape))
 
-    def inside_domain(self, *at):
-        return np.ones(np.broadcast(*map(np.atleast_1d, at)).shape, bool)
+    def inside_domain(self, radius, gap, rows, cell):
+        values = radius, gap, rows, cell.capillary_number
+        return np.ones(np.broadcast(*map(np.atleast_1d, values)).shape, bool)
 
 
 def test_sobol_indices_of_a_sum_by_hand():
@@ -37,7 +37,7 @@ def test_sobol_indices_of_a_sum_by_hand():
     r, g = (0.002 * 5) ** 2, (0.001 * 8) ** 2
     assert table.loc["pillar_radius_um", "first_order"] == pytest.approx(r / (r + g), abs=0.03)
     assert table.loc["gap_um", "first_order"] == pytest.approx(g / (r + g), abs=0.03)
-    for name in ("periodicity", "deformation_index"):
+    for name in ("periodicity", "capillary_number"):
         assert table.loc[name, "total_order"] == pytest.approx(0, abs=0.01)
     assert table["first_order"].to_numpy() == pytest.approx(table["total_order"], abs=0.05)
     assert (table["total_order_low"] <= table["total_order"] + 1e-9).all()
@@ -53,7 +53,7 @@ def test_tied_parameters_are_one_factor():
     assert table["factor"].tolist() == [
         "pillar_radius_um & gap_um",
         "periodicity",
-        "deformation_index",
+        "capillary_number",
     ]
     maps = sensitivity.partial_dependence(law, outcomes)
     assert ("pillar_radius_um", "gap_um") not in set(
@@ -66,7 +66,7 @@ def test_partial_dependence_averages_over_the_runs():
     law = Law(lambda r, g, n, d: g / 100 + (r == 5) * 0.06 + d)
     maps = sensitivity.partial_dependence(law, make_outcomes())
     here = maps[(maps["x_name"] == "periodicity") & (maps["y_name"] == "gap_um")]
-    expected = here["y"] / 100 + 0.02 + np.mean((0.5, 0.65, 0.78))
+    expected = here["y"] / 100 + 0.02 + np.mean(list(CAPILLARY.values()))
     assert here["share"].to_numpy() == pytest.approx(expected.to_numpy())
     assert sorted(here["x"].unique()) == [4, 5, 6, 7, 8, 9, 10]
     assert set(maps) == {c.name for c in COLUMNS["partial_dependence"]}
@@ -108,89 +108,23 @@ def test_all_tables_of_a_fitted_surrogate():
     assert edge.mean() < 0.75
 
 
-NEEDED = [
-    "pillar_radius_um",
-    "gap_um",
-    "periodicity",
-    "stiffness_set",
-    "deformation_index",
-    "migration_angle_deg",
-]
+def test_ca_is_spread_evenly_in_its_logarithm_and_shapes_each_as_often():
+    outcomes = make_outcomes(radii=(5.0, 10.0)).assign(height_um=lambda t: 20.0 + t.index % 2)
+    outcomes["cell_shape"] = np.where(np.arange(len(outcomes)) % 5, "biconcave", "sphere")
+    seen = []
 
+    class Seen(Law):
+        def predict(self, radius, gap, rows, cell):
+            seen.append(cell)
+            return super().predict(radius, gap, rows, cell)
 
-@pytest.fixture(scope="module")
-def anybodys():
-    return make_outcomes(radii=(5.0, 10.0), indices=(0.5, 0.78))[NEEDED]
-
-
-@pytest.fixture
-def learnt(monkeypatch):
-    """What the surrogate of a table learns from, lengths over the cell radius, and the notes."""
-    monkeypatch.setattr(sensitivity, "fit", lambda means, seed: means)
-    monkeypatch.setattr(sensitivity, "sobol", lambda model, means, seed: means)
-
-    def of(frame):
-        means, notes = sensitivity.sobol_of_table(frame, seed=2)
-        for name in ("pillar_radius_um", "gap_um"):
-            means[name] /= means["cell_radius_um"]
-        return means.drop(columns="cell_radius_um"), notes
-
-    return of
-
-
-@pytest.mark.parametrize(
-    ("change", "note"),
-    [
-        (lambda f: f.assign(migration_angle_deg=-f["migration_angle_deg"]), "turned"),
-        (lambda f: f.assign(migration_angle_deg=np.radians(f["migration_angle_deg"])), None),
-        (lambda f: f.assign(migration_angle_deg=-0.37 * f["migration_angle_deg"]), "turned"),
-        (
-            lambda f: f.assign(pillar_radius_um=2 * f["pillar_radius_um"], gap_um=2 * f["gap_um"]),
-            None,
-        ),
-        (lambda f: f.drop(columns="stiffness_set"), "stiffness_set"),
-        (lambda f: f.astype({"periodicity": str}).astype({"periodicity": "category"}), None),
-        (
-            lambda f: pd.concat([f, f.assign(migration_angle_deg=np.nan, stiffness_set="x")[:3]]),
-            "3 of 39 rows left out: no migration_angle_deg",
-        ),
-        (lambda f: pd.concat([f.assign(replicate=i) for i in (1, 2)]), "are repeats of 36"),
-    ],
-)
-def test_what_is_learnt_of_a_table_depends_on_no_unit_sign_or_type(anybodys, learnt, change, note):
-    expected, none = learnt(anybodys)
-    found, notes = learnt(change(anybodys))
-    pd.testing.assert_frame_equal(found, expected, rtol=1e-12)
-    assert not none and (any(note in n for n in notes) if note else notes == [])
-
-
-def test_indices_of_a_table_depend_on_no_sign_or_radius(anybodys):
-    plain, _ = sensitivity.sobol_of_table(anybodys, seed=2)
-    turned = anybodys.assign(migration_angle_deg=-anybodys["migration_angle_deg"])
-    pd.testing.assert_frame_equal(sensitivity.sobol_of_table(turned, seed=2)[0], plain)
-    other, _ = sensitivity.sobol_of_table(anybodys.assign(cell_radius_um=3.0), seed=2)
-    pd.testing.assert_frame_equal(plain, other, rtol=1e-2, atol=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda f: f.assign(cell_radius_um="7.5 um"), ["cell_radius_um", "'7.5 um' is no number"]),
-        (lambda f: f.assign(cell_radius_um=7.5e-6), ["cell_radius_um", "In m it would be 7.5 µm"]),
-        (lambda f: f.assign(height_um=np.arange(len(f)) % 2), ["differ in height_um"]),
-    ],
-)
-def test_tables_that_no_surrogate_can_learn_are_refused(anybodys, change, words):
-    with pytest.raises(DldsimError) as error:
-        sensitivity.sobol_of_table(change(anybodys), seed=2)
-    assert all(word in str(error.value) for word in words), error.value
-
-
-def test_many_arrays_are_drawn_from_and_counted(anybodys, learnt, monkeypatch):
-    monkeypatch.setattr(sensitivity, "LEARNT", 10)
-    means, notes = learnt(anybodys)
-    assert any("arrays: 8 of 18 left out" in note for note in notes), notes
-    assert len(means) == 20
+    table = sensitivity.sobol(Seen(lambda r, g, n, d: 0.01 * n * np.log(d)), outcomes, seed=1)
+    assert {"capillary_number", "height_um", "cell_shape"} <= set(table["factor"])
+    first = table.set_index("factor")["first_order"]
+    assert first["capillary_number"] == pytest.approx(1, abs=0.03)
+    middle = np.exp(np.mean(np.log([min(CAPILLARY.values()), max(CAPILLARY.values())])))
+    assert np.median(seen[0].capillary_number) == pytest.approx(middle, rel=0.02)
+    assert (seen[0].shape == "sphere").mean() == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_surrogate_that_does_not_vary_has_no_indices():

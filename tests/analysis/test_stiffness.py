@@ -28,7 +28,24 @@ def test_moduli_are_linear_between_sets_and_none_is_lost():
     )
 
 
-def test_beyond_the_sets_is_refused():
-    with pytest.raises(DldsimError, match="5 to 15") as caught:
-        stiffness_at(16.0, SETS, "deformation_index_1")
-    assert caught.value.key == "deformation_index_1"
+def test_beyond_the_sets_elastic_moduli_go_in_proportion():
+    """The ratios of all moduli are those of the nearest set; membrane viscosity stays."""
+    bead = stiffness_at(150.0, SETS, "x")
+    assert bead.model_dump() == pytest.approx(
+        {
+            "ks_uN_per_m": 150.0,
+            "kb_pN_um": 3.0,
+            "kal_uN_per_m": 300.0,
+            "kag_uN_per_m": 5000.0,
+            "kv_Pa": 9000.0,
+            "kvisc_nN_s_per_m": 1.5,
+        }
+    )
+    assert stiffness_at(2.5, SETS, "x").kag_uN_per_m == pytest.approx(250)
+
+
+@pytest.mark.parametrize(("ks", "sets"), [(0.0, SETS), (5.0, {}), (5.0, {"0": membrane(0.0, 0.1)})])
+def test_without_a_spring_or_a_set_there_are_no_moduli(ks, sets):
+    with pytest.raises(DldsimError, match="no moduli") as caught:
+        stiffness_at(ks, sets, "ks_1_uN_per_m")
+    assert caught.value.key == "ks_1_uN_per_m"

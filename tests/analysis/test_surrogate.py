@@ -1,49 +1,22 @@
-"""Laws of the regressors and of the surrogate's file."""
+"""Laws of the surrogate: what it learns, its intervals, its domain, and its file."""
 
 import json
-from itertools import product
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from dldsim.analysis import regressors, surrogate
-from dldsim.analysis.regressors import BASELINE, CURVE, FEATURES, INPUTS, REPEATS, SURROGATE
+from dldsim.analysis import surrogate
+from dldsim.analysis.features import CELL, FEATURES, INPUTS, CellInFlow, cells_of
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
-
-
-def bump_or_zigzag(r, g, n, d):
-    """Sharp but smooth transition at D_c of a cell of effective diameter 15 µm (1 − DI/2)."""
-    excess = 15 * (1 - d / 2) - 1.4 * g * n**-0.48
-    return np.degrees(np.arctan(1 / n)) / (1 + np.exp(-excess / 0.8))
-
-
-def make_outcomes(
-    angle=bump_or_zigzag,
-    radii=(5.0, 7.5, 10.0),
-    gaps=(14.0, 18.0, 22.0),
-    rows=(4, 6, 10),
-    indices=(0.5, 0.65, 0.78),
-):
-    return pd.DataFrame(
-        [
-            {
-                "outcome_id": f"r{r:04.1f}_g{g:04.1f}_n{n:02d}_s{s}",
-                "pillar_radius_um": r,
-                "gap_um": g,
-                "periodicity": n,
-                "stiffness_set": str(s),
-                "deformation_index": d,
-                "cell_radius_um": 7.5,
-                "cell_shape": "biconcave",
-                "height_um": 20.0,
-                "migration_angle_deg": angle(r, g, n, d),
-                "status": "decided",
-            }
-            for r, g, n, (s, d) in product(radii, gaps, rows, enumerate(indices, 1))
-        ]
-    )
+from tests.analysis.made_outcomes import (
+    CAPILLARY,
+    bump_or_zigzag,
+    cell,
+    make_outcomes,
+    make_survey,
+    share_by_law,
+)
 
 
 @pytest.fixture(scope="module")
@@ -52,163 +25,100 @@ def fitted():
 
 
 @pytest.fixture(scope="module")
-def benchmarked():
-    fast = [SURROGATE, CURVE, "XGBoost", "linear", BASELINE]
-    return regressors.benchmark(make_outcomes(), seed=3, names=fast)
-
-
-def test_features_by_hand():
-    x = dict(zip(FEATURES, regressors.features(5, 20, 10, 0.6, 7.5)[0], strict=True))
-    assert np.exp(x["log_size_over_critical_diameter"]) == pytest.approx(15 / (28 * 0.1**0.48))
-    assert np.exp(x["log_confinement"]) == pytest.approx(0.75)
-    assert np.exp(x["log_periodicity"]) == pytest.approx(10)
-    assert np.exp(x["log_pillar_radius_over_cell_radius"]) == pytest.approx(2 / 3)
-    assert np.exp(x["log_gap_over_pillar_diameter"]) == pytest.approx(2)
-    assert x["bump_angle_deg"] == pytest.approx(5.7106, abs=1e-4)
-
-
-def test_only_ratios_of_lengths_matter(fitted):
-    small, large = fitted.predict(6, 18, 6, 0.6, 7.5), fitted.predict(12, 36, 6, 0.6, 15)
-    assert small == large
-    assert fitted.predict([6, 8], 18, 6, 0.6, 7.5).shape == (2,)
-
-
-@pytest.mark.slow
-def test_every_row_is_held_out_once_a_repeat(benchmarked):
-    _, predictions = benchmarked
-    counts = predictions.groupby(["split", "model", "outcome_id"]).size().groupby("split")
-    assert counts.size().to_dict() == dict.fromkeys(regressors.SPLITS, 5 * 81)
-    assert counts.agg(["min", "max"]).T.to_dict() == {
-        "random": {"min": REPEATS, "max": REPEATS},
-        "geometry": {"min": REPEATS, "max": REPEATS},
-        "stiffness": {"min": 1, "max": 1},
-    }
-
-
-@pytest.mark.slow
-def test_split_by_stiffness_keeps_sets_whole(benchmarked):
-    one = benchmarked[1].query("model == 'linear' and split == 'stiffness'")
-    assert (one.groupby("fold")["outcome_id"].agg(lambda r: r.str[-2:].nunique()) == 1).all()
-    alone = regressors.benchmark(make_outcomes(indices=(0.5,)), seed=3, names=["linear"])[0]
-    assert set(alone["split"]) == {"random", "geometry"}
-
-
-@pytest.mark.slow
-def test_split_by_geometry_keeps_arrays_whole(benchmarked):
-    scores, predictions = benchmarked
-    one = predictions[(predictions["model"] == "linear")].assign(
-        geometry=lambda t: t["outcome_id"].str.rsplit("_s").str[0]
+def surveyed():
+    """Learnt from discs and spheres of any velocity and height, beside a campaign of the same
+    law."""
+    campaign = make_survey(64, 0, seed=5).assign(height_um=20.0)
+    share = share_by_law(
+        "biconcave",
+        campaign["pillar_radius_um"] / 7.5,
+        campaign["gap_um"] / 7.5,
+        campaign["periodicity"],
+        campaign["capillary_number"],
+        20 / 7.5,
     )
-    together = one.groupby(["split", "geometry"])["fold"].nunique()
-    assert (together["geometry"] == REPEATS).all()
-    assert together["random"].max() > REPEATS
-    assert (scores["n_train"] + scores["n_test"] == 81).all()
+    campaign["migration_angle_deg"] = np.degrees(np.arctan(share / campaign["periodicity"]))
+    campaign["outcome_id"] = [f"c{i:04d}" for i in range(len(campaign))]
+    return surrogate.fit(campaign, 1, make_survey(150, 120))
 
 
-@pytest.mark.slow
-def test_scores_are_those_of_the_predictions(benchmarked):
-    scores, predictions = benchmarked
-    error = predictions["predicted_deg"] - predictions["observed_deg"]
-    mse = (error**2).groupby([predictions[n] for n in ("model", "split", "fold")]).mean()
-    found = scores.set_index(["model", "split", "fold"])
-    pd.testing.assert_series_equal(found["mse_deg2"].sort_index(), mse, check_names=False)
-    assert np.allclose(found["rmse_deg"] ** 2, found["mse_deg2"])
-    assert (found["mae_deg"] <= found["rmse_deg"] + 1e-12).all()
-
-
-@pytest.mark.slow
-def test_learners_beat_the_rule_that_learns_nothing(benchmarked):
-    rmse = benchmarked[0].groupby(["split", "model"])["rmse_deg"].mean()
-    assert rmse["geometry", SURROGATE] < rmse["geometry", "XGBoost"] < rmse["geometry", "linear"]
-    assert rmse["geometry", "linear"] < rmse["geometry", BASELINE]
-    assert rmse["geometry", CURVE] < 0.5 * rmse["geometry", "linear"]
-
-
-def test_every_regressor_learns():
-    outcomes = make_outcomes(radii=(5.0, 10.0), gaps=(14.0, 22.0), indices=(0.5,))
-    x, y = regressors.inputs_and_angles(outcomes)
-    for name, (prototype, grid) in regressors.make_regressors(1).items():
-        for settings in grid:
-            error = prototype.set_params(**settings).fit(x, y).predict(x) - y
-            assert name == BASELINE or np.std(error) < 0.9 * np.std(y)
-
-
-def test_nested_search_never_sees_the_test_rows():
-    """Angles of the held-out rows are not passed on: changing them changes no prediction."""
-    outcomes = make_outcomes()
-    x, y = regressors.inputs_and_angles(outcomes)
-    groups = regressors.groups_of(outcomes, "geometry")
-    train, test = next(regressors.folds_of(groups, 5, 1))
-    assert not set(groups[train]) & set(groups[test])
-    prototype, grid = regressors.make_regressors(1)["XGBoost"]
-    model, held_out = regressors.tune(prototype, grid, x[train], y[train], groups[train], 1)
-    assert np.isfinite(held_out).all() and held_out.shape == (len(train),)
-    assert {k: model.get_params()[k] for k in grid[0]} in grid
-
-
-@pytest.mark.slow
-def test_random_split_flatters_what_only_remembers():
-    """Angles drawn per array, nothing to learn from geometry: only leakage can score."""
-    draw = np.random.default_rng(0)
-    angle = {
-        key: draw.normal() for key in product((5.0, 7.5, 10.0), (14.0, 18.0, 22.0), (4, 6, 10))
-    }
-    outcomes = make_outcomes(lambda r, g, n, d: angle[r, g, n])
-    forest = {"forest": regressors.make_regressors(1)["random forest"]}
-    error = {
-        split: np.mean(
-            [fold["rmse_deg"] for fold in regressors.cross_validate(outcomes, forest, split, 1)[0]]
-        )
-        for split in ("random", "geometry")
-    }
-    assert 2 * error["random"] < error["geometry"]
-
-
-def test_rule_by_hand():
-    """2R = 15 µm: D_c = 14.4 µm at gap 20, N_p 4 bumps; 15.8 µm at gap 22 does not."""
-    x = np.vstack([regressors.features(5, g, 4, 0.5, 7.5) for g in (20, 22)])
-    assert regressors.CriticalDiameterRule().predict(x) == pytest.approx([14.0362, 0], abs=1e-4)
-
-
-def test_share_and_angle_are_inverse():
-    assert regressors.share_of(np.degrees(np.arctan(1 / 6)), 6) == pytest.approx(1)
-    angle = np.array([-0.1, 0.0, 2.0, 9.0])
-    assert regressors.angle_of(regressors.share_of(angle, 6), 6) == pytest.approx(angle)
-
-
-def test_curve_recovers_a_known_transition():
-    """Runs drawn from the curve itself, finely: the same shares come back."""
-    made = regressors.TwoLimitCurve()
-    made.coefficients = np.array([-0.5, 6.0, -0.1, 0.5, 0.3, 0.2])
-    made.centre = np.array([0.5, 13.0, 2.0, -0.1, -0.05])
-    outcomes = make_outcomes()
-    x, _ = regressors.inputs_and_angles(outcomes)
-    truth = made.predict(x)
-    found = regressors.TwoLimitCurve(penalty=1e-6).fit(x, truth)
-    assert found.predict(x) == pytest.approx(truth, abs=0.02)
-    again = regressors.TwoLimitCurve.from_state(json.loads(json.dumps(found.state())))
-    assert np.array_equal(again.predict(x), found.predict(x))
-
-
-def test_both_limits_hold_whatever_the_input(fitted):
-    rng = np.random.default_rng(4)
-    r, g, n = rng.uniform(1, 60, 500), rng.uniform(1, 200, 500), rng.integers(2, 60, 500)
-    share = fitted.share(r, g, n, rng.uniform(0, 1, 500), 7.5)
-    assert ((share >= 0) & (share <= 1)).all()
-    angle = fitted.predict(r, g, n, 0.6, 7.5)
-    assert ((angle >= 0) & (angle <= np.degrees(np.arctan(1 / n)) + 1e-9)).all()
-    # far beyond the data: a cell twice as wide as the gap bumps, a speck does not
-    assert fitted.share(7.5, 7.5, 10, 0.6, 7.5) > 0.95 and fitted.share(7.5, 90, 6, 0.6, 7.5) < 0.05
+def test_only_ratios_and_ca_matter(fitted):
+    small = fitted.predict(6, 18, 6, CellInFlow("biconcave", 7.5, 20.0, 0.1))
+    large = fitted.predict(12, 36, 6, CellInFlow("biconcave", 15.0, 40.0, 0.1))
+    assert small == pytest.approx(large, rel=1e-6)
+    assert fitted.predict([6, 8], 18, 6, cell()).shape == (2,)
 
 
 def test_surrogate_recovers_the_transition(fitted):
     """Arrays between those learnt from, against the law that made the outcomes."""
     rng = np.random.default_rng(9)
     r, g, n = rng.uniform(5, 10, 200), rng.uniform(14, 22, 200), rng.integers(4, 11, 200)
-    d = rng.uniform(0.5, 0.78, 200)
+    d = rng.choice(list(CAPILLARY), 200)
     truth = np.array([bump_or_zigzag(*at) for at in zip(r, g, n, d, strict=True)])
-    error = np.abs(fitted.predict(r, g, n, d, 7.5) - truth)
-    assert np.median(error) < 0.3 and 1 - np.var(error) / np.var(truth) > 0.95
+    found = fitted.predict(r, g, n, cell(np.array([CAPILLARY[x] for x in d])))
+    assert np.median(np.abs(found - truth)) < 0.3
+    assert 1 - np.var(found - truth) / np.var(truth) > 0.95
+
+
+@pytest.mark.parametrize(("shape", "radius"), [("biconcave", 6.0), ("sphere", 9.0)])
+def test_other_velocities_heights_and_radii_are_learnt_from_the_survey(surveyed, shape, radius):
+    """On points of another seed than those learnt from, in another radius."""
+    held = make_survey(400, 400, seed=11)
+    held = held[held["cell_shape"] == shape]
+    scale = radius / 7.5
+    at = *(held[n].to_numpy() for n in GEOMETRY), cells_of(held)
+    larger = at[3]._replace(radius_um=radius, height_um=scale * held["height_um"].to_numpy())
+    found = surveyed.predict(scale * at[0], scale * at[1], at[2], larger)
+    error, truth = found - held["migration_angle_deg"], held["migration_angle_deg"]
+    assert 1 - np.var(error) / np.var(truth) > 0.95 and np.median(np.abs(error)) < 0.2
+    low, high = surveyed.predict_interval(*at)
+    inside = surveyed.inside_domain(*at)
+    assert ((low <= truth) & (truth <= high))[inside].mean() > 0.85 and inside.mean() > 0.6
+
+
+def test_beads_join_the_law_of_the_critical_diameter(surveyed, fitted):
+    """The made-up spheres are within 1 % of it in their stiff limit."""
+    beads = surveyed.card["beads"]
+    assert [b["periodicity"] for b in beads] == [5, 8, 12]
+    assert all(b["over_law"] == pytest.approx(1, abs=0.08) for b in beads)
+    assert all(b["within_scatter"] for b in beads)
+    assert fitted.card["beads"] == []
+
+
+def test_shapes_have_domains_of_their_own(surveyed):
+    disc, sphere = cell(0.1), cell(0.1, shape="sphere")
+    wide = 8.0, 36.0, 8  # beyond the discs' gaps, inside the spheres'
+    assert not surveyed.inside_domain(*wide, disc)[0] and surveyed.inside_domain(*wide, sphere)[0]
+    assert surveyed.distance_outside(*wide, disc)[0] > 0.1
+    assert np.isinf(surveyed.distance_outside(*wide, cell(shape="ellipsoid"))[0])
+    both = CellInFlow(np.array(["biconcave", "sphere"]), 7.5, 20.0, 0.1)
+    assert surveyed.inside_domain([8, 8], [36, 36], 8, both).tolist() == [False, True]
+    assert surveyed.holds_for.startswith("biconcave discs (Ca 0.02")
+    # Ca and height beyond what was learnt
+    assert not surveyed.inside_domain(8, 18, 8, cell([1.5, 0.001])).any()
+    assert not surveyed.inside_domain(8, 18, 8, cell(height_um=40.0))[0]
+
+
+def test_both_sources_are_counted_and_scored_by_shape(surveyed):
+    card = surveyed.card
+    assert card["data"]["used"] == 64 + 270 and card["data"]["survey"] == 270
+    assert {k: v["predictions"] for k, v in card["scores_by_shape"].items()} == {
+        "biconcave": 214,
+        "sphere": 120,
+    }
+    assert card["scores_by_shape"]["sphere"]["r2"] > 0.9
+    measured = {(m["shape"], m["level"]): m["coverage"] for m in card["conformal"]["measured"]}
+    assert set(measured) == {(s, x) for s in ("biconcave", "sphere") for x in surrogate.LEVELS}
+    assert all(abs(found - level) < 0.12 for (_, level), found in measured.items())
+
+
+def test_a_shape_of_few_outcomes_has_wide_intervals():
+    few = make_survey(60, 6)
+    model = surrogate.fit(few, 1)
+    at = cells_of(few[few["cell_shape"] == "sphere"].iloc[:1])
+    row = few[few["cell_shape"] == "sphere"].iloc[0]
+    low, high = model.predict_interval(*(row[n] for n in GEOMETRY), at)
+    assert high[0] - low[0] >= 0.999 * np.degrees(np.arctan(1 / row["periodicity"]))
 
 
 def test_conformal_factor_by_hand():
@@ -236,7 +146,7 @@ def test_conformal_coverage_on_clustered_noise(level):
 
 
 def test_intervals_hold_the_prediction_and_widen_with_the_level(fitted):
-    at = ([6, 8, 9], [15, 17, 20], [5, 6, 9], 0.6, 7.5)
+    at = ([6, 8, 9], [15, 17, 20], [5, 6, 9], cell())
     centre = fitted.predict(*at)
     narrow, wide = (fitted.predict_interval(*at, level=level) for level in (0.68, 0.9))
     assert (wide[0] <= narrow[0]).all() and (narrow[0] <= centre).all()
@@ -246,8 +156,8 @@ def test_intervals_hold_the_prediction_and_widen_with_the_level(fitted):
 
 
 def test_outside_the_domain_any_angle_is_possible(fitted):
-    low, high = fitted.predict_interval([7, 7], [18, 40], 6, [0.95, 0.6], 7.5)
-    assert not fitted.inside_domain([7, 7], [18, 40], 6, [0.95, 0.6], 7.5).any()
+    low, high = fitted.predict_interval(7, [18, 40], 6, cell([0.5, 0.075]))
+    assert not fitted.inside_domain(7, [18, 40], 6, cell([0.5, 0.075])).any()
     assert (low <= 0).all() and high == pytest.approx([np.degrees(np.arctan(1 / 6))] * 2)
 
 
@@ -258,22 +168,12 @@ def test_measured_coverage_is_near_its_level(fitted):
     assert fitted.card["target_by_geometry"]["reached"] in (True, False)
 
 
-def test_inside_domain_is_the_distance(fitted):
-    rng = np.random.default_rng(6)
-    r, g, n = rng.uniform(4, 11, 60), rng.uniform(13, 23, 60), rng.integers(3, 12, 60)
-    exact = [
-        fitted.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
-        for p in zip(r, g, n, strict=True)
-    ]
-    assert fitted.inside_domain(r, g, n, 0.6, 7.5).tolist() == exact
-    assert 0 < sum(exact) < 60
-
-
 def test_saved_model_predicts_the_same(fitted, tmp_path):
     model, card = tmp_path / "m.json", tmp_path / "c.json"
     fitted.save(model, card)
     back = surrogate.load(model, card)
-    at = make_outcomes()[INPUTS].T.to_numpy()
+    outcomes = make_outcomes()
+    at = *(outcomes[name] for name in GEOMETRY), cells_of(outcomes)
     assert np.array_equal(fitted.predict(*at), back.predict(*at))
     back.save(tmp_path / "m2.json", tmp_path / "c2.json")
     assert (tmp_path / "m2.json").read_bytes() == model.read_bytes()
@@ -282,10 +182,10 @@ def test_saved_model_predicts_the_same(fitted, tmp_path):
 
 def test_card_says_what_the_model_is(fitted):
     card = fitted.card
-    assert set(GEOMETRY) < set(INPUTS) and len(card["conformal"]["scores"]) == 27
+    assert [*GEOMETRY, *CELL] == INPUTS and len(card["conformal"]["scores"]["biconcave"]) == 27
     assert card["data"]["used"] == 81 and card["data"]["geometries"] == 27
-    assert card["domain"]["ranges"]["deformation_index"] == [0.5, 0.78]
-    assert fitted.deformation_index_range == (0.5, 0.78)
+    assert card["data"]["survey"] is None
+    assert fitted.domains["biconcave"].capillary_number == (0.0369, 0.147)
     assert 0 < fitted.rmse_deg < card["baseline_by_geometry"]["rmse_deg"]
     assert card["features"] == FEATURES and card["seed"] == 3
     assert {"dldsim", "physics", "xgboost"} <= set(card["versions"])
@@ -317,7 +217,8 @@ def edit(change):
         (edit(lambda c: c["features"].pop()), "features"),
         (edit(lambda c: c["versions"].update(physics=-1)), "physics version -1"),
         (edit(lambda c: c["scores_by_geometry"].update(rmse_deg=0.0)), "was changed"),
-        (edit(lambda c: c["domain"]["ranges"].update(deformation_index=[0, 1])), "was changed"),
+        (edit(lambda c: c["domain"]["biconcave"].update(capillary_number=[0, 1])), "was changed"),
+        (edit(lambda c: c["shapes"].pop()), "other features"),
     ],
 )
 def test_files_that_do_not_match_are_refused(fitted, tmp_path, spoil, words):
@@ -328,96 +229,14 @@ def test_files_that_do_not_match_are_refused(fitted, tmp_path, spoil, words):
         surrogate.load(model, card)
 
 
-def test_inside_the_hull_no_linear_programme_is_solved(fitted, monkeypatch):
-    """Such a programme takes a thousand times longer than the half-spaces of the hull."""
-    corners = np.array(list(product((5.0, 10.0), (14.0, 22.0), (4, 10))))
-    middle = corners.mean(axis=0)
-    monkeypatch.setattr("scipy.optimize.linprog", None)
-    for r, g, n in [middle, *corners, *(corners + middle) / 2]:
-        assert fitted.distance_outside(r, g, n, 7.5) == 0
-    with pytest.raises(TypeError):
-        fitted.distance_outside(10.1, 18.0, 6, 7.5)
-
-
-def test_domain_is_the_hull_of_the_training_geometries(fitted):
-    assert fitted.distance_outside(6, 17, 5, 7.5) == pytest.approx(0, abs=1e-9)
-    assert fitted.distance_outside(10, 22, 10, 7.5) == pytest.approx(0, abs=1e-9)
-    assert fitted.distance_outside(12.5, 18, 6, 7.5) == pytest.approx(0.5)
-    # the same array is another one to a smaller cell
-    assert fitted.distance_outside(10, 22, 6, 5.0) > 0.5
-
-
-def test_domain_of_tied_gap_and_radius_is_not_a_box():
-    outcomes = make_outcomes(gaps=(15.0, 17.5, 20.0))
-    outcomes = outcomes[outcomes["gap_um"] == outcomes["pillar_radius_um"] + 10]
-    tied = surrogate.fit(outcomes, seed=1)
-    assert tied.distance_outside(6, 16, 5, 7.5) == pytest.approx(0, abs=1e-9)
-    assert tied.distance_outside(5.5, 19.5, 5, 7.5) > 0.3
-    fixed = surrogate.fit(make_outcomes(gaps=(18.0,)), seed=1)
-    assert fixed.distance_outside(6, 19, 5, 7.5) == np.inf
-    assert fixed.distance_outside(6, 18, 5, 7.5) == pytest.approx(0, abs=1e-9)
-
-
 def test_unusable_runs_are_left_out():
     outcomes = make_outcomes()
     outcomes.loc[:3, "migration_angle_deg"] = np.nan
-    outcomes.loc[4:5, "deformation_index"] = np.nan
+    outcomes.loc[4:5, "capillary_number"] = np.nan
     assert surrogate.fit(outcomes, seed=1).card["data"]["used"] == 75
 
 
-@pytest.mark.parametrize(
-    "spoil, words",
-    [
-        (lambda t: t.drop(columns="cell_radius_um"), "cell_radius_um"),
-        (lambda t: t.assign(deformation_index=np.nan), "81 without deformation_index"),
-        (lambda t: t.assign(migration_angle_deg=2.0), "different angles"),
-        (lambda t: t.assign(height_um=np.arange(81)), "height_um"),
-        (lambda t: t.iloc[:0], "0 of 0 outcomes"),
-    ],
-)
-def test_unusable_tables_are_refused(spoil, words):
-    with pytest.raises(DldsimError, match=words):
-        surrogate.fit(spoil(make_outcomes()), seed=1)
-
-
-def test_impossible_inputs_are_refused(fitted):
-    with pytest.raises(DldsimError, match="gap_um must be positive"):
-        fitted.predict(6, -1, 6, 0.6, 7.5)
-    with pytest.raises(DldsimError, match="finite"):
-        fitted.predict(6, np.nan, 6, 0.6, 7.5)
-
-
-def test_tiny_table_gives_the_same_numbers_in_any_order(monkeypatch):
-    outcomes = make_outcomes(radii=(5.0, 7.5), gaps=(15.0, 20.0), rows=(4, 6), indices=(0.5, 0.78))
-    keys = ["model", "split", "repeat", "fold", "rmse_deg", "r2"]
-    monkeypatch.setattr(regressors, "REPEATS", 1)
-    names = ["linear", CURVE]
-    a, b = (
-        regressors.benchmark(t, seed=1, names=names)[0]
-        for t in (outcomes, outcomes.sample(frac=1, random_state=5))
-    )
-    pd.testing.assert_frame_equal(a[keys], b[keys])
-    assert np.isfinite(a["rmse_deg"]).all()
-
-
-def test_learning_curve_holds_arrays_out_and_learns(monkeypatch):
-    monkeypatch.setattr(regressors, "CURVE_REPEATS", 3)
-    monkeypatch.setattr(regressors, "CURVE_SIZES", 4)
-    curve = regressors.learning_curve(make_outcomes(), seed=2)
-    assert set(curve["model"]) == set(regressors.CURVE_MODELS)
-    assert (curve["outcomes"] == 3 * curve["geometries"]).all() and (curve["n_test"] == 15).all()
-    assert curve["geometries"].min() == 3 and curve["geometries"].max() == 22
-    error = curve.groupby(["model", "geometries"])["rmse_deg"].median()
-    assert error["XGBoost", 22] < 0.5 * error["XGBoost", 3]
-    assert error[SURROGATE, 3] < 0.5 * error["XGBoost", 3]  # it knows the law before any run
-    rule = curve[curve["model"] == BASELINE].groupby("repeat")["rmse_deg"].nunique()
-    assert (rule == 1).all()  # the rule learns nothing, and the arrays held out are the same
-    assert np.isfinite(curve["rmse_deg"]).all()
-    again = regressors.learning_curve(make_outcomes().assign(wall_time_s=2.0), seed=2)
-    assert np.array_equal(curve["rmse_deg"], again["rmse_deg"])
-    assert np.allclose(again["simulation_time_s"], 2.0 * again["outcomes"])
-
-
+@pytest.mark.slow
 def test_numerical_uncertainty_of_predictions_is_that_of_the_runs():
     """By mode after the angle; a mode without outcomes gets the largest share."""
     outcomes = make_outcomes()
@@ -433,17 +252,6 @@ def test_numerical_uncertainty_of_predictions_is_that_of_the_runs():
     assert surrogate.fit(outcomes, seed=1).sigma_num_deg([0.0], [4]) is None
 
 
-def test_quick_look_at_the_domain_never_refuses_what_is_inside(fitted):
-    """Against the exact distance, for a box and for the plane gap = radius + 10 µm."""
-    rng = np.random.default_rng(5)
-    r, g, n = rng.uniform(4, 12, 60), rng.uniform(13, 23, 60), rng.integers(4, 13, 60)
-    plane = make_outcomes(gaps=(15.0, 17.5, 20.0))
-    plane = plane[plane["gap_um"] == plane["pillar_radius_um"] + 10]
-    for model in (fitted, surrogate.fit(plane, seed=1)):
-        g = np.where(np.arange(60) % 2, g, r + 10)
-        may = model.may_be_inside(r, g, n, 7.5)
-        inside = [
-            model.distance_outside(*p, 7.5) <= surrogate.DOMAIN_TOLERANCE
-            for p in zip(r, g, n, strict=True)
-        ]
-        assert not (np.array(inside) & ~may).any() and 0 < may.sum() < 60
+def test_a_survey_of_other_numerics_is_refused():
+    with pytest.raises(DldsimError, match="wanted_spacing_um"):
+        surrogate.fit(make_outcomes().assign(wanted_spacing_um=2.0), 1, make_survey(8, 8))

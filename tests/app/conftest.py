@@ -8,7 +8,7 @@ from dldsim.config.sections import Numerics, RunControl
 from dldsim.tables.numerics import columns_of
 from dldsim.tables.parquet import read_table, write_table
 from dldsim.tables.registry import COLUMNS
-from tests.analysis.test_surrogate import make_outcomes
+from tests.analysis.made_outcomes import make_outcomes
 from tests.design.test_search import make_flows
 
 SETS = {"1": 5.1, "2": 10.0, "3": 20.3}

@@ -1,5 +1,6 @@
 """The command `design` and the jobs of the workflow, on a made-up campaign."""
 
+import re
 import shutil
 import time
 from pathlib import Path
@@ -13,13 +14,12 @@ from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.config.presets import resolve
 from dldsim.config.sections import Flow, Numerics
 from dldsim.design import finished_campaign
-from dldsim.design.search import search
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import read_rows, read_table, write_table
 from dldsim.tables.registry import COLUMNS
 from tests.app.conftest import SETS
 from tests.app.test_cli import call
-from tests.design.test_search import Known, ask, hill
+from tests.design.test_search import Known, ask, hill, run
 from tests.design.test_verification import Nature, summit
 from tests.design.test_verification import check as check_designs
 
@@ -41,7 +41,10 @@ def test_design_answers_within_a_minute(capsys, campaign, tmp_path):
     first = summary["designs"][0]
     assert set(first) == {c.name for c in COLUMNS["designs"]}
     assert first["pressure_drop_kPa"] > 0 and "interpolated" in first["pressure_basis"]
-    assert summary["request"]["deformation_index_std_1"] == 0.01  # the calibration's
+    first, second = summary["populations"]
+    assert (first["ks_uN_per_m"], first["deformation_index"]) == (5.1, 0.5)
+    assert first["ks_low_uN_per_m"] == first["ks_high_uN_per_m"] == 5.1  # a set is exact
+    assert second["capillary_number"] == pytest.approx(0.75 / 20.3) and summary["doubt"] == ""
     assert summary["verified_designs"] is None
     for kind in design_answers.SEARCH:
         assert len(read_rows(kind, tmp_path / f"{kind}.parquet")) > 0
@@ -57,7 +60,9 @@ def test_design_prints_a_summary_to_be_read(capsys, campaign):
         "one thing off",
         "importance (",
         "Add --verify",
-        "cell 1: deformation index 0.5 ± 0.01",
+        "cell 1: biconcave, radius 7.5 µm",
+        "k_s 5.1 µN/m, Ca = μU/k_s 0.147: stiffness set 1",
+        "mean velocity 0.5 mm/s, channel height 20 µm",
         "edge_um",
     ):
         assert words in text
@@ -69,7 +74,11 @@ def test_design_prints_a_summary_to_be_read(capsys, campaign):
         (["--di1", "0.3", "--di2", "0.7"], ["deformation_index_1 = 0.3", "0.5 to 0.78"]),
         (["--di1", "0.6", "--di2", "1.7"], ["deformation_index_2", "1.7", "≤ 1"]),
         (["--di1", "0.6", "--di2", "0.6"], ["both cell types", "Change one"]),
-        (["--set1", "9", "--set2", "1"], ["stiffness set 9", "calibrated"]),
+        (["--set1", "9", "--set2", "1"], ["stiffness set 9", "known: 1, 2, 3"]),
+        (["--ks1", "5", "--set2", "3", "--velocity", "5"], ["Ca = μU/k_s = 1.5", "velocities of"]),
+        (["--shape1", "sphere", "--ks1", "9", "--set2", "1"], ["sphere was not learnt", "survey"]),
+        (["--rigid1", "--set2", "1"], ["rigid_1 with shape_1", "sphere"]),
+        (["--di1", "0.6", "--set2", "1", "--assay", "mine"], ["no assay 'mine'", "group-velocity"]),
         ([*ASK, "--gap-um", "20", "14"], ["gap_um", "lowest bound first"]),
         ([*ASK, "--gap-um", "5", "6"], ["no geometry", "safety", "gap_um"]),
         ([*ASK, "--pillar-radius-um", "0.5", "1"], ["no geometry", "slender"]),
@@ -155,6 +164,40 @@ def test_the_largest_seed_is_served(capsys, campaign):
     assert code == 0 and summary["seed"] == 2**63 - 1
 
 
+def test_an_assay_that_does_not_tell_is_told_first(capsys, campaign):
+    argv = ["design", "--di1", "0.6", "--di2", "0.61", "--di1-std", "0.05", *ASK[4:]]
+    argv += ["--results", str(campaign)]
+    assert cli.main(argv) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("The assay group-velocity does not tell the two cell types apart")
+    assert "deformation index 0.6 ± 0.05 by group-velocity" in lines[1]
+    assert re.search(r"k_s .* µN/m \(.* to .*\), Ca = μU/k_s .* \(.* to .*\): inverse", lines[2])
+    code, summary, _ = call(capsys, *argv)
+    assert code == 0 and summary["doubt"] == lines[0]
+    first = summary["designs"][0]
+    assert first["angle_1_low_deg"] <= first["angle_1_deg"] <= first["angle_1_high_deg"]
+
+
+def test_another_velocity_is_another_capillary_number(capsys, campaign):
+    """Membranes twice as stiff at twice the velocity are the same cells."""
+    argv = ["design", "--set1", "1", "--set2", "3", *ASK[4:], "--results", campaign]
+    _, own, _ = call(capsys, *argv)
+    fast = ["design", "--ks1", 10.2, "--ks2", 40.6, "--velocity", 1.0, *ASK[4:]]
+    _, other, _ = call(capsys, *fast, "--results", campaign)
+    for name in ("gap_um", "angle_1_deg", "angle_2_deg"):
+        assert other["designs"][0][name] == pytest.approx(own["designs"][0][name], rel=1e-6)
+    ratio = other["designs"][0]["pressure_drop_kPa"] / own["designs"][0]["pressure_drop_kPa"]
+    assert ratio == pytest.approx(2)
+
+
+def test_another_height_is_told_and_has_no_pressure_drop(capsys, campaign):
+    code, summary, _ = call(capsys, "design", *ASK, "--height", 30, "--results", campaign)
+    first = summary["designs"][0]
+    assert code == 0 and not first["inside_training_domain"]
+    assert any("height/R 4 of cell type 1 was not learnt" in note for note in first["notes"])
+    assert first["pressure_drop_kPa"] is None and "height 20 µm" in first["pressure_basis"]
+
+
 CONFIG = (Path(__file__).parents[2] / "config.yaml").read_text(encoding="utf-8")
 
 
@@ -164,11 +207,15 @@ CONFIG = (Path(__file__).parents[2] / "config.yaml").read_text(encoding="utf-8")
         (
             "mean_velocity_mm_s: 0.5",
             "mean_velocity_mm_s: 5",
-            ["flow.mean_velocity_mm_s = 5.0", "0.5", "mean velocity 0.5 mm/s", "--results"],
+            ["flow.mean_velocity_mm_s = 5.0", "the request takes 0.5", "--velocity"],
         ),
-        ("height_um: 20.0", "height_um: 30.0", ["flow.height_um = 30.0", "channel height 20 µm"]),
-        ("viscosity_mPa_s: 1.5", "viscosity_mPa_s: 1.0", ["flow.viscosity_mPa_s = 1.0"]),
-        ("shape: biconcave", "shape: sphere", ["cell.shape = sphere", "biconcave discs"]),
+        ("height_um: 20.0", "height_um: 30.0", ["flow.height_um = 30.0", "20.0", "--height"]),
+        (
+            "viscosity_mPa_s: 1.5",
+            "viscosity_mPa_s: 1.0",
+            ["flow.viscosity_mPa_s = 1.0", "campaign with 1.5", "--results"],
+        ),
+        ("shape: biconcave", "shape: sphere", ["cell.shape = sphere", "--shape1 and --shape2"]),
         ("radius_um: 7.5", "radius_um: 6", ["cell.radius_um = 6.0", "--r1 and --r2"]),
         ("ks_uN_per_m: 5.1", "ks_uN_per_m: 9.1", ["stiffness_sets.1.ks_uN_per_m = 9.1", "5.1"]),
     ],
@@ -178,14 +225,19 @@ def test_settings_that_the_campaign_cannot_serve_are_refused(capsys, tmp_path, o
     assert old in CONFIG
     (tmp_path / "config.yaml").write_text(CONFIG, encoding="utf-8")
     code, summary, _ = call(capsys, *ask)
-    assert code == 0
-    assert summary["holds_for"] == (
-        "biconcave discs of the radii named, channel height 20 µm, mean velocity 0.5 mm/s"
-    )
+    assert code == 0 and summary["learnt"].startswith("biconcave discs (Ca ")
     (tmp_path / "config.yaml").write_text(CONFIG.replace(old, new, 1), encoding="utf-8")
     code, summary, message = call(capsys, *ask)
     assert (code, summary) == (2, None)
     assert all(part in message for part in parts), message
+
+
+def test_what_the_request_names_goes_over_the_configuration(capsys, tmp_path):
+    ask = ["design", "--set1", "1", "--set2", "5", "--trials", "3", "--startup-trials", "2"]
+    text = CONFIG.replace("mean_velocity_mm_s: 0.5", "mean_velocity_mm_s: 5", 1)
+    (tmp_path / "config.yaml").write_text(text, encoding="utf-8")
+    code, summary, _ = call(capsys, *ask, "--velocity", "0.5")
+    assert code == 0 and summary["request"]["velocity_mm_s"] == 0.5
 
 
 def test_numerics_matter_only_to_a_simulation(campaign):
@@ -201,8 +253,13 @@ def test_numerics_matter_only_to_a_simulation(campaign):
 
 def job_settings(campaign, *requests):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)
-    budget = Verification(rounds=1).model_dump()
-    return {**known.settings, "seed": 1, "design_requests": list(requests), "verification": budget}
+    return {
+        **known.settings,
+        "seed": 1,
+        "design_requests": list(requests),
+        "verification": Verification(rounds=1).model_dump(),
+        "surrogate": {"survey": False},
+    }
 
 
 GOOD = {
@@ -227,6 +284,7 @@ def inputs_of(campaign):
     ("bad", "reason"),
     [
         ({"stiffness_set_1": "dead"}, "stiffness set dead"),
+        ({"shape_1": "sphere"}, "shape_1 = sphere was not learnt"),
         ({"gap_um": (5.0, 6.0)}, "no geometry within the bounds"),
     ],
 )
@@ -295,7 +353,7 @@ def test_too_few_flows_leave_the_pressure_unknown_and_say_why(campaign, tmp_path
     chip = finished_campaign.make_chip(settings, flows)
     assert chip.pressure_basis.startswith("not known: 3 flows are too few")
     with pytest.raises(DldsimError, match="pressure_max_kPa = 1 .*3 flows are too few"):
-        search(Known(hill), ask(pressure_max_kPa=1.0), chip, 1)
+        run(Known(hill), ask(pressure_max_kPa=1.0), chip)
 
 
 @pytest.mark.parametrize(
@@ -402,16 +460,3 @@ def test_values_that_no_configuration_has_are_refused_by_column(campaign):
             finished_campaign.settings_of_outcomes(outcomes.assign(**{column: value}))
         error = caught.value
         assert (error.key, error.value) == (column, value) and error.allowed in str(error)
-
-
-def test_spread_of_a_set_is_the_calibrations(campaign):
-    calibration = read_table("calibration", campaign / "calibration.parquet")
-    request = DesignRequest(
-        name="r", stiffness_set_1="1", deformation_index_2=0.7, deformation_index_std_2=0.02
-    )
-    resolved = design_answers.by_deformation_index(request, calibration)
-    assert resolved.deformation_index_1 == pytest.approx(0.5)
-    assert resolved.deformation_index_std_1 == pytest.approx(0.01)
-    assert resolved.deformation_index_std_2 == 0.02
-    with pytest.raises(DldsimError, match="need a calibration"):
-        design_answers.by_deformation_index(request, None)

@@ -6,8 +6,6 @@ import pytest
 import yaml
 
 from dldsim.config.configuration import sections_from
-from dldsim.config.design_sections import DesignRequest
-from dldsim.config.explain import validate
 from dldsim.config.presets import resolve
 from dldsim.errors import DldsimError
 
@@ -75,13 +73,3 @@ def test_stiffness_sets_are_calibrated_by_the_groups_of_the_source():
     groups = resolve(RAW).constriction_groups
     found = {g.stiffness_set: name for name, g in groups.items() if g.stiffness_set}
     assert found == {"1": "G1", "2": "G2", "3": "G5", "4": "G6", "5": "G7"}
-
-
-def test_design_request_takes_calibrated_indices():
-    request = validate(
-        DesignRequest, {"name": "a", "stiffness_set_1": "1", "deformation_index_2": 0.7}
-    )
-    filled = request.with_deformation_indices({"1": 0.5})
-    assert (filled.deformation_index_1, filled.deformation_index_2) == (0.5, 0.7)
-    with pytest.raises(DldsimError, match="no calibrated"):
-        request.with_deformation_indices({"2": 0.5})

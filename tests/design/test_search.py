@@ -7,58 +7,86 @@ import pandas as pd
 import pytest
 
 from dldsim.analysis import surrogate
+from dldsim.analysis.domain import DOMAIN_TOLERANCE, Domain
 from dldsim.config.design_sections import DesignRequest, Device
-from dldsim.config.sections import Flow
+from dldsim.config.sections import Flow, Stiffness
 from dldsim.design.candidates import transition_geometries
 from dldsim.design.chip import Chip, Resistance
+from dldsim.design.populations import flow_of, make_populations
 from dldsim.design.search import regret, search
-from dldsim.design.task import Task, squeezed_width_um, violations
+from dldsim.design.task import Task, violations
 from dldsim.errors import DldsimError
-from tests.analysis.test_surrogate import make_outcomes
+from tests.analysis.made_outcomes import make_outcomes
 
 
 class Known:
-    """A surrogate with the interface of the real one and a formula for an angle [deg]."""
+    """A surrogate with the interface of the real one and a formula for an angle [deg].
 
-    deformation_index_range = (0.3, 0.9)
+    The formula is asked with P_r, P_g, N_p, Ca and the cell's radius.
+    """
+
+    domains = {"biconcave": Domain(np.array([[0.1, 0.1, 2], [9, 9, 99]]), (0.3, 0.9), (0.1, 5))}
 
     def __init__(self, angle, half=0.1, outside=lambda r, g, n: 0.0, sigma=None):
         self.angle, self.half, self.outside, self.sigma = angle, half, outside, sigma
 
-    def predict(self, pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um):
-        values = np.broadcast_arrays(
-            *(
-                np.atleast_1d(np.asarray(v, float))
-                for v in (pillar_radius_um, gap_um, periodicity, deformation_index, cell_radius_um)
-            )
+    def predict(self, pillar_radius_um, gap_um, periodicity, cell):
+        values = pillar_radius_um, gap_um, periodicity, cell.capillary_number, cell.radius_um
+        return np.asarray(
+            self.angle(
+                *np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in values))
+            ),
+            float,
         )
-        return np.asarray(self.angle(*values), float)
 
-    def predict_interval(self, *at):
-        angle = self.predict(*at)
+    def predict_interval(self, radius, gap, periodicity, cell, level=0.9):
+        angle = self.predict(radius, gap, periodicity, cell)
         return angle - self.half, angle + self.half
 
-    def inside_domain(self, radius, gap, periodicity, index, cell):
-        off = [self.outside(*at) for at in np.broadcast(radius, gap, periodicity)]
-        return np.array(off) <= 0.02
+    def inside_domain(self, radius, gap, periodicity, cell):
+        return self.distance_outside(radius, gap, periodicity, cell) <= DOMAIN_TOLERANCE
 
     def sigma_num_deg(self, angle_deg, periodicity):
         return None if self.sigma is None else np.full(len(periodicity), self.sigma)
 
-    def may_be_inside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um):
-        return np.full(len(gap_um), True)
-
-    def distance_outside(self, pillar_radius_um, gap_um, periodicity, cell_radius_um):
-        return self.outside(pillar_radius_um, gap_um, periodicity)
+    def distance_outside(self, radius, gap, periodicity, cell):
+        places = np.broadcast(*map(np.atleast_1d, (radius, gap, periodicity)))
+        return np.array([self.outside(*at) for at in places])
 
 
 CHIP = Chip(Flow(), Device(), 2.0)
+SOFT = Stiffness(
+    ks_uN_per_m=5.0,
+    kb_pN_um=0.1,
+    kal_uN_per_m=10.0,
+    kag_uN_per_m=500.0,
+    kv_Pa=900.0,
+    kvisc_nN_s_per_m=1.5,
+)
+
+
+def people(request, surrogate=Known, flow=CHIP.flow):
+    """Both cell types of a request without a calibration."""
+    return make_populations(request, flow_of(request, flow), {"1": SOFT}, None, surrogate.domains)
+
+
+def task_of(surrogate, request, chip=CHIP, seed=1, populations=None):
+    populations = populations or people(request, surrogate)
+    return Task(surrogate, request, populations, chip, seed)
+
+
+def run(surrogate, request, chip=CHIP, seed=1, populations=None):
+    return search(surrogate, request, populations or people(request, surrogate), chip, seed)
+
+
+def regret_of(surrogate, request, chip=CHIP, seed=1):
+    return regret(surrogate, request, people(request, surrogate), chip, seed)
 
 
 def found(surrogate, request, seed, safety=2.0, **changes):
     """Candidates and trials of a search."""
-    chip = CHIP._replace(safety_distance_um=safety, **changes)
-    return search(surrogate, request, chip, seed)[:2]
+    result = run(surrogate, request, CHIP._replace(safety_distance_um=safety, **changes), seed)
+    return result.designs, result.trials
 
 
 def hill(r, g, n, d, cell):
@@ -66,12 +94,13 @@ def hill(r, g, n, d, cell):
     return 10 * d * np.exp(-((r - 7) ** 2) / 4 - (g - 17) ** 2 / 9 - (n - 8) ** 2 / 8)
 
 
-def ask(**changes):
+def ask(ca_1=0.5, ca_2=0.8, **changes):
+    """A request of two discs by their capillary numbers at 0.5 mm/s and 1.5 mPa·s."""
     return DesignRequest(
         **{
             "name": "test",
-            "deformation_index_1": 0.5,
-            "deformation_index_2": 0.8,
+            "ks_1_uN_per_m": 0.75 / ca_1,
+            "ks_2_uN_per_m": 0.75 / ca_2,
             "pillar_radius_um": (5, 10),
             "gap_um": (14, 22),
             "periodicity": (4, 12),
@@ -103,7 +132,6 @@ def test_infeasible_geometry_is_never_ranked():
     tempting = Known(lambda r, g, n, d, cell: d * (r - g + 30))
     designs, trials = found(tempting, ask(gap_um=(8, 22)), seed=2, safety=5.0)
     assert (designs["gap_um"] > designs["pillar_radius_um"] + 5).all()
-    assert (designs["gap_um"] >= squeezed_width_um(7.5, 0.5)).all()
     bad = trials[~trials["feasible"]]
     assert len(bad) > 5 and bad["separation_deg"].isna().all() and (bad["reason"] != "").all()
     assert (trials.loc[trials["feasible"], "reason"] == "").all()
@@ -111,14 +139,17 @@ def test_infeasible_geometry_is_never_ranked():
 
 
 def test_gap_must_pass_the_larger_cell():
-    assert squeezed_width_um(7.5, 0.0) == 15
-    assert squeezed_width_um(7.5, 0.6) == pytest.approx(7.5)
+    """Of discs without an index, edge on: the thickness of a red cell of 7.82 µm is 2.58 µm."""
     request = ask(radius_2_um=20)
-    widths = violations(request, CHIP, 5.0, 13.0)
-    assert widths["gap must pass the squeezed cells"] == pytest.approx(40 / 3 - 13)
-    tight = violations(request, CHIP, 5.0, 7.0)
+    cells = people(request)
+    width = cells[1].width_um
+    assert width == pytest.approx(20 * 2.58 / 3.91, rel=0.01)
+    widths = violations(request, cells, CHIP, 5.0, 13.0)
+    assert widths["gap must pass the squeezed cells"] == pytest.approx(width - 13.0)
+    tight = violations(request, cells, CHIP, 5.0, 7.0)
     assert tight["gap must exceed pillar radius + safety distance"] > 0
-    assert violations(request, CHIP, 1.9, 13.0)["pillars must not be too slender"] > 0
+    thin = violations(request, cells, CHIP, 1.9, 13.0)
+    assert thin["pillars must not be too slender"] > 0
 
 
 def test_ranks_are_ordered_and_candidates_distinct():
@@ -185,11 +216,13 @@ def test_designs_inside_the_training_domain_come_first():
 @pytest.mark.parametrize(
     "changes, words",
     [
-        ({"deformation_index_1": 0.2}, ["deformation_index_1", "0.2", "0.3 to 0.9"]),
-        ({"deformation_index_2": 0.95}, ["deformation_index_2", "0.3 to 0.9"]),
-        ({"deformation_index_2": 0.5}, ["both cell types", "Change"]),
+        ({"ca_1": 0.2}, ["cell type 1", "Ca = μU/k_s = 0.2", "0.3 to 0.9", "0.75 to 2.25 mm/s"]),
+        ({"ca_2": 0.95}, ["cell type 2", "0.3 to 0.9"]),
+        ({"velocity_mm_s": 1.0}, ["Ca = μU/k_s = 1", "velocities of 0.3 to 0.9 mm/s"]),
+        ({"shape_1": "sphere"}, ["shape_1 = sphere was not learnt", "biconcave"]),
+        ({"ca_2": 0.5}, ["both cell types", "Change"]),
         ({"gap_um": (4, 6)}, ["no geometry", "safety", "gap_um"]),
-        ({"radius_1_um": 30.0}, ["no geometry", "squeezed"]),
+        ({"radius_1_um": 40.0}, ["no geometry", "squeezed"]),
     ],
 )
 def test_impossible_requests_are_refused(changes, words):
@@ -204,30 +237,44 @@ def test_unlucky_search_is_an_error_not_a_guess():
 
 
 @pytest.mark.slow
-def test_real_surrogate_separates_soft_from_stiff():
-    """Cells of equal radius and of equal deformation index: both kinds of request."""
+def test_real_surrogate_separates_soft_from_stiff_and_small_from_large():
+    """Cells of equal radius and of equal capillary number: both kinds of request."""
     fitted = surrogate.fit(make_outcomes(), seed=1)
-    soft = ask(deformation_index_1=0.5, deformation_index_2=0.78, periodicity=(4, 10), trials=40)
+    soft = ask(0.147, 0.0369, periodicity=(4, 10), trials=40)
     row = found(fitted, soft, seed=1, safety=2.0)[0].iloc[0]
     assert row["inside_training_domain"] and row["angle_1_deg"] > row["angle_2_deg"]
-    sizes = ask(
-        deformation_index_2=0.5, radius_1_um=6, radius_2_um=9, periodicity=(4, 10), trials=40
-    )
-    row = found(fitted, sizes, seed=1, safety=2.0)[0].iloc[0]
-    assert row["angle_2_deg"] > row["angle_1_deg"]
+    heights = make_outcomes().assign(height_um=lambda t: 16.0 + 10 * (t.index % 2))
+    tall = surrogate.fit(heights, seed=1)
+    sizes = ask(0.1, 0.1, radius_1_um=6, radius_2_um=9, periodicity=(4, 10), trials=40)
+    row = found(tall, sizes, seed=1, safety=2.0)[0].iloc[0]
+    assert row["inside_training_domain"] and row["angle_2_deg"] > row["angle_1_deg"]
     # the same request with every length halved is the same device
     half = ask(
-        deformation_index_2=0.5,
+        0.1,
+        0.1,
         radius_1_um=3,
         radius_2_um=4.5,
+        height_um=10.0,
         periodicity=(4, 10),
         trials=40,
         pillar_radius_um=(2.5, 5),
         gap_um=(7, 11),
     )
-    assert found(fitted, half, seed=1, safety=1.0)[0].iloc[0]["separation_deg"] == pytest.approx(
-        row["separation_deg"], rel=0.05
-    )
+    flow = CHIP.flow.model_copy(update={"height_um": 10.0})
+    again = run(tall, half, CHIP._replace(safety_distance_um=1.0, flow=flow), 1).designs
+    assert again.iloc[0]["separation_deg"] == pytest.approx(row["separation_deg"], rel=0.05)
+
+
+def test_a_height_that_was_not_learnt_is_told_with_every_candidate():
+    """The made-up outcomes have one height: R of 6 and 9 µm are other heights over R."""
+    fitted = surrogate.fit(make_outcomes(), seed=1)
+    sizes = ask(0.1, 0.1, radius_1_um=6, radius_2_um=7.5, periodicity=(4, 10), trials=20)
+    designs, _ = found(fitted, sizes, seed=1)
+    assert not designs["inside_training_domain"].any()
+    for said in designs["notes"]:
+        [why] = [note for note in said if note.startswith("extrapolated")]
+        assert "height/R 3.33 of cell type 1 was not learnt (biconcave discs: Ca" in why
+        assert "cell type 2" not in why
 
 
 def test_designs_closer_than_their_uncertainty_share_a_rank():
@@ -257,7 +304,7 @@ def test_unstudied_uncertainty_is_said_and_ranks_as_before():
 
 def test_regret_of_a_known_hill():
     """Never negative, falls with the evaluations, and the finest grid finds the summit."""
-    table = regret(Known(hill), ask(trials=40), CHIP._replace(safety_distance_um=2.0), seed=1)
+    table = regret_of(Known(hill), ask(trials=40), CHIP._replace(safety_distance_um=2.0), seed=1)
     assert (table["regret_deg"] >= 0).all() and table["regret_deg"].min() == 0
     for _, part in table[table["method"] != "grid"].groupby(["method", "repeat"]):
         assert part["evaluations"].is_monotonic_increasing
@@ -272,7 +319,7 @@ def test_regret_of_a_known_hill():
 def test_regret_counts_only_what_may_be_built_and_is_known():
     """Beyond a gap of 18 µm nothing is known, and no pillar may exceed the gap less 5 µm."""
     tempting = Known(lambda r, g, n, d, cell: d * g, outside=lambda r, g, n: max(0.0, g - 18) / 8)
-    table = regret(tempting, ask(trials=20), CHIP._replace(safety_distance_um=5.0), seed=1)
+    table = regret_of(tempting, ask(trials=20), CHIP._replace(safety_distance_um=5.0), seed=1)
     assert table["best_deg"].max() <= 0.3 * (18 + 8 * 0.02) + 1e-9
 
 
@@ -282,27 +329,48 @@ def test_regret_counts_only_what_may_be_built_and_is_known():
 def test_robust_separation_of_a_line_by_hand():
     """Separation 0.3 g with ± 0.5 µm on the gap: nine of ten draws exceed 0.3 (g − 0.4)."""
     line = Known(lambda r, g, n, d, cell: d * g, half=0.0)
-    task = Task(line, ask(objective="robust", draws=4096), CHIP, seed=1)
+    task = task_of(line, ask(objective="robust", draws=4096), CHIP, seed=1)
     at = np.array([7.0]), np.array([16.0]), np.array([8])
     assert task.robust(*at)[0] == pytest.approx(0.3 * 15.6, abs=2e-3)
     # normal errors of both predictions, ± 0.5 at 90 %: the difference has σ = 0.43
-    noisy = Task(Known(lambda r, g, n, d, cell: 10 * d, half=0.5), task.request, CHIP, seed=1)
+    noisy = task_of(Known(lambda r, g, n, d, cell: 10 * d, half=0.5), task.request, CHIP, seed=1)
     assert noisy.robust(*at)[0] == pytest.approx(3 - 1.2816 * 2**0.5 * 0.5 / 1.6449, abs=0.02)
 
 
 def test_spread_of_the_cells_counts():
-    """θ = 10 DI: the second cell's ± 0.1 is ± 1° on a separation of 3°."""
-    line = Known(lambda r, g, n, d, cell: 10 * d, half=0.0)
-    spread = ask(
-        objective="robust",
-        draws=4096,
-        tolerance_um=0,
-        deformation_index_1=0.4,
-        deformation_index_2=0.6,
-        deformation_index_std_2=0.05,
-    )
+    """θ = 10 ln Ca: the second cell's ± 0.05 of ln k_s is ± 0.5° on a separation of 4.05°."""
+    line = Known(lambda r, g, n, d, cell: 10 * np.log(d), half=0.0)
+    request = ask(0.4, 0.6, objective="robust", draws=4096, tolerance_um=0)
+    first, second = people(request)
+    ks = second.stiffness.ks_uN_per_m
+    wide = [first, second._replace(ks_low=ks * np.exp(-0.05), ks_high=ks * np.exp(0.05))]
     at = np.array([7.0]), np.array([16.0]), np.array([8])
-    assert Task(line, spread, CHIP, 1).robust(*at)[0] == pytest.approx(2 - 1.2816 * 0.5, abs=0.02)
+    wanted = 10 * np.log(1.5)
+    task = task_of(line, request, populations=wide)
+    assert task.robust(*at)[0] == pytest.approx(wanted - 1.2816 * 0.5, abs=0.02)
+    # one-sided: only softer cells, of larger Ca
+    softer = [first, second._replace(ks_low=ks * np.exp(-0.05))]
+    assert task_of(line, request, populations=softer).robust(*at)[0] == pytest.approx(wanted)
+
+
+def test_draws_beyond_what_was_learnt_are_taken_at_its_edge():
+    request = ask(0.31, 0.6, draws=512)
+    first, second = people(request)
+    wide = [first._replace(ks_high=first.stiffness.ks_uN_per_m * 2), second]
+    drawn = task_of(Known(hill), request, populations=wide).drawn_capillary(0)
+    assert drawn.min() == pytest.approx(0.3) and drawn.max() == pytest.approx(0.31)
+
+
+def test_intervals_of_angles_span_the_interval_of_ca():
+    """θ = 10 Ca ± 0.1°, Ca 0.5 to 0.6 and, cut where nothing is known, 0.8 to 0.9."""
+    line = Known(lambda r, g, n, d, cell: 10 * d)
+    first, second = people(ask())
+    wide = [first._replace(ks_low=0.75 / 0.6), second._replace(ks_low=0.75 / 1.5)]
+    designs = run(line, ask(trials=20), populations=wide).designs
+    row = designs.iloc[0]
+    for i, (low, angle, high) in enumerate(((4.9, 5.0, 6.1), (7.9, 8.0, 9.1)), start=1):
+        found = [row[f"angle_{i}_{side}deg"] for side in ("low_", "", "high_")]
+        assert found == pytest.approx([low, angle, high])
 
 
 def test_robust_search_avoids_the_sharp_optimum():
@@ -330,9 +398,9 @@ def test_an_open_order_is_no_reason_to_choose_no_separation():
         return d * (r - 5)
 
     class Unsure(Known):
-        def predict_interval(self, *at):
-            angle = self.predict(*at)
-            return angle - 1 - (at[0] - 5), angle + 1 + (at[0] - 5)
+        def predict_interval(self, radius, gap, periodicity, cell, level=0.9):
+            angle = self.predict(radius, gap, periodicity, cell)
+            return angle - 1 - (radius - 5), angle + 1 + (radius - 5)
 
     designs, _ = found(Unsure(landscape), ask(objective="robust"), seed=1)
     assert designs.iloc[0]["robust_separation_deg"] < 0
@@ -366,34 +434,37 @@ def test_grid_and_tpe_agree_on_a_hill():
 
 
 def test_grid_tells_what_matters():
-    gap_only = search(Known(lambda r, g, n, d, cell: d * g), ask(sampler="grid"), CHIP, 1)
+    gap_only = run(Known(lambda r, g, n, d, cell: d * g), ask(sampler="grid"), CHIP, 1)
     shares = gap_only.importance.set_index("parameter")["importance"]
     assert shares["gap_um"] == pytest.approx(1.0) and shares["periodicity"] < 1e-9
     assert "variance" in gap_only.importance["evaluator"].iloc[0]
-    ped = search(Known(lambda r, g, n, d, cell: d * g), ask(), CHIP, 1).importance
+    ped = run(Known(lambda r, g, n, d, cell: d * g), ask(), CHIP, 1).importance
     assert ped.set_index("parameter")["importance"].idxmax() == "gap_um"
 
 
 def test_tolerances_of_a_plane_by_hand():
     """Separation 0.3 (r + 2 g): an edge that moves out by 0.5 takes 1 µm from the gap."""
     plane = Known(lambda r, g, n, d, cell: d * (r + 2 * g))
-    request = ask(trials=20, deformation_index_std_1=0.01)
-    result = search(plane, request, CHIP, 1)
+    request = ask(trials=20)
+    first, second = people(request)
+    wide = [first._replace(ks_low=0.75 / 0.51, ks_high=0.75 / 0.48), second]
+    result = run(plane, request, populations=wide)
     design = result.designs.iloc[0]
     table = result.tolerances[result.tolerances["design"] == 1].set_index(["parameter", "offset"])
     change = table["separation_deg"] - design["separation_deg"]
     assert change["pillar_radius_um", 0.5] == pytest.approx(0.15)
     assert change["gap_um", -0.5] == pytest.approx(-0.3)
     assert change["edge_um", 0.5] == pytest.approx(0.15 - 0.6)
-    assert change["deformation_index_1", 0.01] == pytest.approx(
-        -0.01 * (design["pillar_radius_um"] + 2 * design["gap_um"])
-    )
+    size = design["pillar_radius_um"] + 2 * design["gap_um"]
+    of_ks = change["ks_1_uN_per_m"]
+    assert of_ks.to_numpy() == pytest.approx([-0.01 * size, 0.02 * size])  # Ca 0.51 and 0.48
+    assert of_ks.index.tolist() == pytest.approx([0.75 / 0.51 - 1.5, 0.75 / 0.48 - 1.5])
     assert table["sensitivity_deg_per_unit"]["gap_um", 0.5] == pytest.approx(0.6)
-    assert "deformation_index_2" not in table.index.get_level_values(0)  # no spread given
+    assert "ks_2_uN_per_m" not in table.index.get_level_values(0)  # no interval
 
 
 def test_slices_pass_through_the_best_candidate():
-    result = search(Known(lambda r, g, n, d, cell: d * (r + 2 * g + n)), ask(trials=20), CHIP, 1)
+    result = run(Known(lambda r, g, n, d, cell: d * (r + 2 * g + n)), ask(trials=20), CHIP, 1)
     best = result.designs.iloc[0]
     part = result.slices[result.slices["x_parameter"] == "periodicity"].groupby("y_parameter")
     for name, table in part:
@@ -415,7 +486,7 @@ FIXED = [
 @pytest.mark.parametrize("bounds", FIXED)
 def test_fixed_dimensions_have_no_slices(bounds, sampler):
     request = ask(**bounds, sampler=sampler, trials=20)
-    result = search(Known(hill), request, CHIP, 1)
+    result = run(Known(hill), request, CHIP, 1)
     shown = {*result.slices["x_parameter"], *result.slices["y_parameter"]}
     assert not shown & set(bounds) and len(shown) == (0 if len(bounds) > 1 else 2)
     for name, (value, _) in bounds.items():
@@ -433,7 +504,7 @@ def test_arrays_near_a_transition_are_apart_where_a_dimension_is_fixed():
         return np.degrees(np.arctan(np.clip((r - 5) / 4, 0, 1) / n))
 
     known = pd.DataFrame({"pillar_radius_um": [7.0], "gap_um": [18.0], "periodicity": [12]})
-    task = Task(Known(ramp), ask(gap_um=(16, 16)), CHIP, seed=1)
+    task = task_of(Known(ramp), ask(gap_um=(16, 16)), CHIP, seed=1)
     assert transition_geometries(task, known, 1)[0]["periodicity"] == 4
 
 
@@ -492,7 +563,7 @@ def test_pressure_drop_by_hand():
 
 
 def test_length_parts_the_cells():
-    task = Task(Known(lambda r, g, n, d, cell: 10 * d), ask(lateral_separation_um=100), CHIP, 1)
+    task = task_of(Known(lambda r, g, n, d, cell: 10 * d), ask(lateral_separation_um=100), CHIP, 1)
     length = task.length_mm(np.array([5.0]), np.array([8.0]))
     assert length[0] * 1e3 * (np.tan(np.radians(8)) - np.tan(np.radians(5))) == pytest.approx(100)
     assert np.isinf(task.length_mm(np.array([5.0]), np.array([5.0])))[0]
@@ -503,9 +574,9 @@ def test_pressure_limit_is_kept():
     tempting = Known(lambda r, g, n, d, cell: d * (20 - g / 10))
     chip = CHIP._replace(resistance=Resistance(make_flows()))
     thin = {"pillar_radius_um": (5, 5.2)}
-    free = search(tempting, ask(**thin), chip, 1).designs.iloc[0]
+    free = run(tempting, ask(**thin), chip, 1).designs.iloc[0]
     most = 0.85 * free["pressure_drop_kPa"]
-    limited = search(tempting, ask(**thin, pressure_max_kPa=most), chip, 1)
+    limited = run(tempting, ask(**thin, pressure_max_kPa=most), chip, 1)
     assert (limited.designs["pressure_drop_kPa"] <= most).all()
     assert limited.designs.iloc[0]["gap_um"] > free["gap_um"]
     assert limited.trials["reason"].str.contains("pressure").any()
@@ -513,7 +584,7 @@ def test_pressure_limit_is_kept():
 
 def test_pressure_limit_needs_flows():
     with pytest.raises(DldsimError, match="flows.parquet"):
-        search(Known(hill), ask(pressure_max_kPa=1.0), CHIP, 1)
+        run(Known(hill), ask(pressure_max_kPa=1.0), CHIP, 1)
     designs, _ = found(Known(hill), ask(trials=20), seed=1)
     assert designs["pressure_drop_kPa"].isna().all()
     assert (designs["pressure_basis"] == "not known: there is no table of flows").all()
@@ -535,12 +606,12 @@ def test_transition_arrays_are_near_one_and_apart():
     def ramp(r, g, n, d, cell):
         return np.degrees(np.arctan(np.clip((r - 5) / 4, 0, 1) / n))
 
-    task = Task(Known(ramp), ask(), CHIP, seed=1)
+    task = task_of(Known(ramp), ask(), CHIP, seed=1)
     known = pd.DataFrame({"pillar_radius_um": [7.0], "gap_um": [18.0], "periodicity": [8]})
     chosen = transition_geometries(task, known, 4)
     assert len(chosen) == 4
     assert all(6 <= c["pillar_radius_um"] <= 8 for c in chosen)
     assert all(abs(c["gap_um"] - 18) + abs(c["periodicity"] - 8) > 2 for c in chosen)
     assert len({tuple(c.values()) for c in chosen}) == 4
-    flat = Task(Known(lambda r, g, n, d, cell: 0 * r), ask(), CHIP, seed=1)
+    flat = task_of(Known(lambda r, g, n, d, cell: 0 * r), ask(), CHIP, seed=1)
     assert transition_geometries(flat, known, 4) == []

@@ -23,6 +23,10 @@ def make_design_tables(request: str, folder=None) -> dict[str, pd.DataFrame]:
                 "separation_deg": 4.0 - 0.8 * i,
                 "angle_1_deg": 1.0,
                 "angle_2_deg": 5.0 - 0.8 * i,
+                "angle_1_low_deg": 0.2,
+                "angle_1_high_deg": 1.9,
+                "angle_2_low_deg": 3.1 - 0.8 * i,
+                "angle_2_high_deg": 6.4 - 0.8 * i,
                 "mode_1": "zigzag",
                 "mode_2": "mixed",
                 "separation_tolerance_min_deg": 2.5 - 0.7 * i,
@@ -115,6 +119,7 @@ def make_design_tables(request: str, folder=None) -> dict[str, pd.DataFrame]:
     return {
         "design_requests": refused,
         "verified_requests": refused,
+        "design_populations": make_cell_types(request),
         "designs": designs,
         "design_trials": trials,
         "design_tolerances": tolerances,
@@ -123,6 +128,48 @@ def make_design_tables(request: str, folder=None) -> dict[str, pd.DataFrame]:
         "verifications": make_verifications(request),
         "verified_designs": make_verified(request),
     }
+
+
+def make_cell_types(request: str) -> pd.DataFrame:
+    """A disc by an index, a bead; the assay tells nothing of the latter."""
+    common = {
+        "request": request,
+        "height_um": 20.0,
+        "mean_velocity_mm_s": 0.5,
+        "narrowest_width_um": 6.6,
+        "narrowest_width_basis": "width in the assay",
+        "told_apart": False,
+        "doubt": "The assay mine does not tell the two cell types apart.",
+    }
+    disc = {
+        "population": "1",
+        "cell_shape": "biconcave",
+        "cell_radius_um": 5.0,
+        "rigid": False,
+        "assay": "mine",
+        "deformation_index": 0.7,
+        "deformation_index_std": 0.02,
+        "ks_uN_per_m": 10.0,
+        "ks_low_uN_per_m": 8.0,
+        "ks_high_uN_per_m": 14.0,
+        "capillary_number": 0.075,
+        "capillary_number_low": 0.054,
+        "capillary_number_high": 0.094,
+        "stiffness_basis": "inverse of the calibration mine",
+    }
+    bead = {
+        "population": "2",
+        "cell_shape": "sphere",
+        "cell_radius_um": 9.0,
+        "rigid": True,
+        "assay": "",
+        "deformation_index": None,
+        "deformation_index_std": 0.0,
+        **dict.fromkeys(("ks_uN_per_m", "ks_low_uN_per_m", "ks_high_uN_per_m"), 75.0),
+        **dict.fromkeys([f"capillary_number{end}" for end in ("", "_low", "_high")], 0.01),
+        "stiffness_basis": "bead",
+    }
+    return pd.DataFrame([common | disc, common | bead])
 
 
 def make_verifications(request: str) -> pd.DataFrame:
@@ -153,9 +200,12 @@ def make_verifications(request: str) -> pd.DataFrame:
                     "periodicity": 8,
                     "height_um": height,
                     "outcome_id": f"r{array}_s{population}",
-                    "deformation_index": 0.7,
+                    "mean_velocity_mm_s": 0.5,
+                    "cell_shape": None if population == "difference" else "biconcave",
                     "cell_radius_um": 7.5,
+                    "deformation_index": 0.7,
                     "ks_uN_per_m": 5.1,
+                    "capillary_number": 0.147,
                     "stiffness_basis": "stiffness set 1",
                     "predicted_deg": 4.0,
                     "predicted_low_deg": 0.5,

@@ -36,7 +36,7 @@ def page(tmp_path_factory):
                 "scores_by_geometry": {"median_absolute_error_deg": 0.3, "rmse_deg": 1.2},
                 "data": {"used": 81, "geometries": 27, "sha256": "c34d39417d799b9d4f"},
             },
-            "holds_for": "biconcave discs of the radii named",
+            "holds_for": "biconcave discs (Ca 0.02 to 1)",
         },
     }
     for kind, table in make_design_tables("pair").items():
@@ -65,15 +65,30 @@ def test_no_column_is_kept_for_contents_that_the_page_has_not(page):
 
 
 def test_first_lines_name_cells_channel_and_velocity(page):
-    flow, cell = Flow(), CellShape()
-    first = (
-        f"Holds for biconcave discs of radius 5 and 9 µm at rest in a channel "
-        f"{flow.height_um:g} µm high at a mean velocity of {flow.mean_velocity_mm_s:g} mm/s."
-    )
-    assert cell.shape == "biconcave"
-    assert page.text.index(first) < page.text.index("Table 1.")
+    where = "at rest in a channel 20 µm high at a mean velocity of 0.5 mm/s."
+    before = page.text[: page.text.index("Table 1.")]
+    assert f"Holds for biconcave discs of radius 5 µm {where}" in before
+    assert f"Holds for spheres of radius 9 µm {where}" in before
     disc = "is a biconcave disc of that radius, 10 µm across, not a bead"
-    assert f"A cell “of radius 5 µm” {disc}" in page.text
+    assert f"A cell “of radius 5 µm” {disc}" in before
+
+
+def test_what_the_assay_does_not_tell_stands_before_the_answer(page):
+    doubt = "“pair”: The assay mine does not tell the two cell types apart."
+    assert page.text.index(doubt) < page.text.index("Table 1.")
+
+
+def test_cell_types_stand_step_by_step(page):
+    [disc] = [row for row in page.rows[:8] if row[:3] == ["pair", "1", "biconcave"]]
+    assert disc[6:] == [
+        "0.700 ± 0.020",
+        "mine",
+        "10.0 (8.00 to 14.0)",
+        "0.0750 (0.0540 to 0.0940)",
+        "6.60",
+    ]
+    [bead] = [row for row in page.rows[:8] if row[:3] == ["pair", "2", "bead"]]
+    assert bead[6:10] == ["–", "–", "75.0", "0.0100"]
 
 
 def test_a_design_on_a_bound_of_the_search_is_flagged(page):

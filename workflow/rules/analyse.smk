@@ -78,7 +78,7 @@ rule benchmark:
         predictions=f"{RESULTS}/predictions.parquet",
         predictions_csv=f"{RESULTS}/predictions.csv",
     params:
-        settings=seeded(),
+        settings=learning_settings,
     log:
         f"{RESULTS}/logs/benchmark.log",
     benchmark:
@@ -98,7 +98,7 @@ rule learning_curve:
         table=f"{RESULTS}/learning_curve.parquet",
         csv=f"{RESULTS}/learning_curve.csv",
     params:
-        settings=seeded(),
+        settings=learning_settings,
     log:
         f"{RESULTS}/logs/learning_curve.log",
     benchmark:

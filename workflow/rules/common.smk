@@ -14,6 +14,7 @@ from snakemake.io import apply_wildcards
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis import uncertainty
+from dldsim.analysis.learning import survey_hash
 from dldsim.app import freshness
 from dldsim.config import assays, campaign, identifiers, limits
 from dldsim.config.provenance import check_stamp, settings_hash, write_stamp
@@ -130,6 +131,20 @@ def gathered(parts, *sections):
 def seeded(*sections):
     """The same, and the campaign's seed."""
     return settings_of("seed", *sections)
+
+
+def learning_settings(wildcards):
+    """What the surrogate learns from, by content what comes with the package; its absence is told
+    before anything is run."""
+    try:
+        survey = survey_hash() if CONFIG.surrogate.survey else None
+    except DldsimError as error:
+        raise WorkflowError(str(error)) from None
+    return {**seeded("surrogate"), "survey": survey}
+
+
+def verified_settings(wildcards):
+    return {**gathered(REQUESTS), **learning_settings(wildcards)}
 
 
 def flow_settings(wildcards):
@@ -270,7 +285,7 @@ def calibration_settings(points=()):
 
 def design_settings(requests, *sections):
     return {
-        **seeded("flow", "device", *sections),
+        **seeded("flow", "device", "stiffness_sets", *sections),
         "design_requests": [request.model_dump(mode="json") for request in requests],
         "safety_distance_um": CONFIG.sweep.safety_distance_um,
     }
@@ -278,8 +293,12 @@ def design_settings(requests, *sections):
 
 def verification_settings(wildcards):
     requests = [r for r in CONFIG.design_requests if r.name == wildcards.request]
-    sections = ("cell", "numerics", "run_control", "stiffness_sets", "verification")
-    return {**design_settings(requests, *sections), "sigma_num_model": uncertainty.model_hash()}
+    sections = ("cell", "numerics", "run_control", "verification")
+    return {
+        **learning_settings(wildcards),
+        **design_settings(requests, *sections),
+        "sigma_num_model": uncertainty.model_hash(),
+    }
 
 
 def crash_count(wildcards):

@@ -9,7 +9,7 @@ rule surrogate:
         model=f"{RESULTS}/surrogate.json",
         card=f"{RESULTS}/surrogate_card.json",
     params:
-        settings=seeded(),
+        settings=learning_settings,
     log:
         f"{RESULTS}/logs/surrogate.log",
     benchmark:
@@ -34,6 +34,8 @@ rule designs:
     input:
         **DESIGN_INPUTS,
     output:
+        populations=f"{RESULTS}/design_populations.parquet",
+        populations_csv=f"{RESULTS}/design_populations.csv",
         table=f"{RESULTS}/designs.parquet",
         csv=f"{RESULTS}/designs.csv",
         trials=f"{RESULTS}/design_trials.parquet",
@@ -128,7 +130,7 @@ rule verifications:
         model=f"{RESULTS}/surrogate_verified.json",
         card=f"{RESULTS}/surrogate_verified_card.json",
     params:
-        settings=gathered(REQUESTS, "seed"),
+        settings=verified_settings,
     log:
         f"{RESULTS}/logs/verifications.log",
     benchmark:

@@ -9,6 +9,7 @@ with job_log(snakemake.log[0]) as progress:
     design_job(
         snakemake.params.settings,
         tables={
+            "design_populations": Path(snakemake.output.populations),
             "designs": Path(snakemake.output.table),
             "design_trials": Path(snakemake.output.trials),
             "design_tolerances": Path(snakemake.output.tolerances),

@@ -1,13 +1,15 @@
 """Outcomes in, error of the surrogate against the number of outcomes out."""
 
-from dldsim.analysis.regressors import learning_curve
+from dldsim.analysis.benchmark import learning_curve
+from dldsim.analysis.learning import survey_of
 from dldsim.app.jobs import job_log
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 
-with job_log(snakemake.log[0]):
-    seed = derive_seed(snakemake.params.settings["seed"], "learning_curve")
-    table = snakemake.output.table
-    curve = learning_curve(read_table("outcomes", snakemake.input[0]), seed)
-    write_table("learning_curve", curve, table, provenance(snakemake.params.settings, seed))
+with job_log(snakemake.log[0]) as progress:
+    settings, table = snakemake.params.settings, snakemake.output.table
+    seed = derive_seed(settings["seed"], "learning_curve")
+    outcomes = read_table("outcomes", snakemake.input[0])
+    curve = learning_curve(outcomes, seed, survey_of(settings), progress)
+    write_table("learning_curve", curve, table, provenance(settings, seed))
     write_csv("learning_curve", table)

@@ -16,6 +16,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Geometries that separate two cell types best."""
     from dldsim.app import design_answers
     from dldsim.design import finished_campaign
+    from dldsim.design.populations import doubt
 
     request = validate(DesignRequest, given_by(DesignRequest, args) | {"name": args.request_name})
     config = configuration(args.config)
@@ -37,7 +38,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     finished_campaign.check_settings(config, known, request, args.verify)
     budget = Verification() if config is None else config.verification
     made = design_answers.make_designs(request, known, args.seed, budget)
-    resolved, found, verdicts, files = made.resolved, made.found, None, []
+    found, verdicts, files = made.found, None, []
     if args.verify:
         with Display() as progress:
             verdicts = design_answers.verify_request(
@@ -55,8 +56,10 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         written = design_answers.write_designs(made, known, output, verdicts)
         files = list(dict.fromkeys([*map(str, written), *files]))
     summary = {
-        "request": resolved.model_dump(),
-        "holds_for": known.model.holds_for,
+        "doubt": doubt(made.populations),
+        "request": request.model_dump(),
+        "populations": records(found.populations),
+        "learnt": known.model.holds_for,
         "device": known.chip.device.model_dump(),
         "designs": records(found.designs),
         "tolerances": records(found.tolerances),
@@ -75,12 +78,13 @@ def _design_lines(summary: Mapping) -> list[str]:
     """What a search and its verification found, to be read."""
     request, designs = summary["request"], summary["designs"]
     data, scores = summary["surrogate"]["data"], summary["surrogate"]["scores_by_geometry"]
+    populations = summary["populations"]
     lines = [
-        f"cell {i}: deformation index {request[f'deformation_index_{i}']:.4g} ± "
-        f"{request[f'deformation_index_std_{i}']:.2g}, radius {request[f'radius_{i}_um']:g} µm"
-        for i in "12"
-    ] + [
-        f"holds for {summary['holds_for']}",
+        *filter(None, [summary["doubt"]]),
+        *(line for cell in populations for line in _population_lines(cell)),
+        f"mean velocity {populations[0]['mean_velocity_mm_s']:g} mm/s, channel height "
+        f"{populations[0]['height_um']:g} µm",
+        f"learnt: {summary['learnt']}",
         f"learnt from {data['used']} outcomes in {data['geometries']} arrays; median error on "
         f"arrays never seen {scores['median_absolute_error_deg']:.2f}°",
         f"{summary['trials']} arrays tried, objective {request['objective']}",
@@ -93,8 +97,14 @@ def _design_lines(summary: Mapping) -> list[str]:
             "P_r": [f"{d['pillar_radius_um']:.2f}" for d in designs],
             "P_g": [f"{d['gap_um']:.2f}" for d in designs],
             "N_p": [str(d["periodicity"]) for d in designs],
-            "cell 1": [f"{d['angle_1_deg']:.2f} {d['mode_1']}" for d in designs],
-            "cell 2": [f"{d['angle_2_deg']:.2f} {d['mode_2']}" for d in designs],
+            **{
+                f"cell {i}": [
+                    f"{d[f'angle_{i}_deg']:.2f} ({d[f'angle_{i}_low_deg']:.2f} to "
+                    f"{d[f'angle_{i}_high_deg']:.2f}) {d[f'mode_{i}']}"
+                    for d in designs
+                ]
+                for i in (1, 2)
+            },
             "separation": [
                 f"{d['separation_deg']:.2f} ± {d['uncertainty_deg']:.2f}" for d in designs
             ],
@@ -113,7 +123,8 @@ def _design_lines(summary: Mapping) -> list[str]:
     lines += [
         "",
         *notes,
-        "± uncertainty: half of the 90 % interval; robust: exceeded by nine of ten draws",
+        "in brackets: 90 % intervals anywhere in the interval of k_s; ± uncertainty: half of the "
+        "90 % interval; robust: exceeded by nine of ten draws",
         f"length: of array that parts the two by {request['lateral_separation_um']:g} µm "
         "(lateral_separation_um); the mask's array is as long as device.array_length_mm, "
         f"{summary['device']['array_length_mm']:g} mm, in whole rows",
@@ -144,6 +155,29 @@ def _design_lines(summary: Mapping) -> list[str]:
     else:
         lines += ["", *_verified_lines(summary)]
     return lines + [f"written: {path}" for path in summary["files"]]
+
+
+def _population_lines(cell: Mapping) -> list[str]:
+    """From what was measured of a cell type to what acts, step by step."""
+    what = "bead" if cell["rigid"] else cell["cell_shape"]
+    lines = [f"cell {cell['population']}: {what}, radius {cell['cell_radius_um']:g} µm"]
+    if cell["assay"]:
+        lines[0] += (
+            f", deformation index {cell['deformation_index']:.4g} ± "
+            f"{cell['deformation_index_std']:.2g} by {cell['assay']}"
+        )
+    spans = (("k_s", "ks", "_uN_per_m", " µN/m"), ("Ca = μU/k_s", "capillary_number", "", ""))
+    steps = [
+        f"{name} {cell[f'{key}{end}']:.3g}{unit}"
+        + f" ({cell[f'{key}_low{end}']:.3g} to {cell[f'{key}_high{end}']:.3g})"
+        * bool(cell["assay"])
+        for name, key, end, unit in spans
+    ]
+    return [
+        *lines,
+        f"  {', '.join(steps)}: {cell['stiffness_basis']}",
+        f"  gaps from {cell['narrowest_width_um']:.3g} µm: {cell['narrowest_width_basis']}",
+    ]
 
 
 def _verified_lines(summary: Mapping) -> list[str]:
@@ -182,16 +216,17 @@ def add_design(commands) -> None:
         "design",
         design,
         "geometries that separate two cell types best",
-        "design --set1 1 --set2 5 --r1 7.5 --r2 7.5 --gap-um 14 20 --objective robust",
+        "design --shape1 sphere --ks1 10 --r1 5 --shape2 sphere --ks2 10 --r2 7.5 --velocity 1",
     )
     for i in "12":
+        add_option(parser, DesignRequest, f"shape_{i}", f"--shape{i}")
         cell = parser.add_mutually_exclusive_group(required=True)
         cell.add_argument(
             f"--di{i}",
             type=number,
             dest=f"deformation_index_{i}",
             metavar="DI",
-            help=f"deformation index of cell type {i}, 0 to 1",
+            help=f"deformation index of cell type {i} by the assay, 0 to 1",
         )
         cell.add_argument(
             f"--set{i}",
@@ -199,15 +234,31 @@ def add_design(commands) -> None:
             metavar="NAME",
             help=f"stiffness set of cell type {i}, instead",
         )
+        cell.add_argument(
+            f"--ks{i}",
+            type=number,
+            dest=f"ks_{i}_uN_per_m",
+            metavar="µN/m",
+            help=f"spring constant k_s of cell type {i}, instead",
+        )
+        cell.add_argument(
+            f"--rigid{i}",
+            action="store_const",
+            const=True,
+            dest=f"rigid_{i}",
+            help=f"cell type {i} is a bead, instead; with --shape{i} sphere",
+        )
         parser.add_argument(
             f"--di{i}-std",
             type=number,
             dest=f"deformation_index_std_{i}",
             metavar="X",
-            help=f"spread of it among cells of type {i}; default: the "
-            "calibration's for a stiffness set, else 0",
+            help=f"spread of the deformation index among cells of type {i}; default 0",
         )
         add_option(parser, DesignRequest, f"radius_{i}_um", f"--r{i}")
+    add_option(parser, DesignRequest, "assay")
+    add_option(parser, DesignRequest, "velocity_mm_s", "--velocity")
+    add_option(parser, DesignRequest, "height_um", "--height")
     for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", int)):
         low, high = DesignRequest.model_fields[key].default
         parser.add_argument(

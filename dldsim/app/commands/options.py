@@ -78,6 +78,10 @@ def add_option(
     kind, choices, unit = field.annotation, None, None
     if typing.get_origin(kind) in (typing.Union, types.UnionType):  # with None for "not given"
         [kind] = (part for part in typing.get_args(kind) if part is not type(None))
+    bounds = list(field.metadata)
+    if typing.get_origin(kind) is typing.Annotated:
+        kind, *extra = typing.get_args(kind)
+        bounds += [m for info in extra for m in getattr(info, "metadata", ())]
     if typing.get_origin(kind) is typing.Literal:
         choices = typing.get_args(kind)
         kind = type(choices[0])
@@ -88,12 +92,12 @@ def add_option(
     signs = {"gt": "> ", "ge": "≥ ", "lt": "< ", "le": "≤ "}
     limits = [
         f"{sign}{getattr(m, name):g}"
-        for m in field.metadata
+        for m in bounds
         for name, sign in signs.items()
         if getattr(m, name, None) is not None
     ]
     about = f"{field.description} ({', '.join(limits)})" if limits else field.description
-    if not required:
+    if not required and "default" not in about:
         about += f"; default {'none' if field.default is None else field.default}"
     kind = number if kind is float else kind
     parser.add_argument(

@@ -12,7 +12,7 @@ from dldsim.errors import DldsimError
 def anova(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Analysis of variance of anybody's table of outcomes."""
     from dldsim.analysis.anova import analyse
-    from dldsim.analysis.sensitivity import sobol_of_table
+    from dldsim.analysis.table_sensitivity import sobol_of_table
     from dldsim.config.provenance import derive_seed
     from dldsim.tables.user_table import read_user_table
 

@@ -19,6 +19,9 @@ MODEL_CAPTION = {
     "hierarchical": "Hierarchical model, main effects and interactions: the result.",
     "main_effects": "Main effects alone.",
     "seed_interactions": "Interactions without main effects, as in the source paper.",
+    "hierarchical_ca": "The hierarchical model with ln Ca in place of DI: what acts, velocity "
+    "included.",
+    "main_effects_ca": "Main effects alone with ln Ca in place of DI.",
 }
 
 

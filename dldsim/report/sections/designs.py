@@ -16,6 +16,7 @@ from dldsim.report.formats import (
     numbers,
     plus_minus,
     ranges,
+    term,
     text,
     texts,
 )
@@ -52,29 +53,60 @@ def requests_of(page: Page) -> dict[str, Mapping]:
 
 
 def scope(page: Page) -> list[str]:
-    """What the designs hold for, in two sentences; none where no table tells."""
-    settings = settings_of(page.results / TABLES["designs"][0])
-    cell, flow = settings.get("cell"), settings.get("flow")
-    if cell is None and page.some("outcomes"):
-        row = page["outcomes"].iloc[0]
-        cell = {
-            "shape": row["cell_shape"],
-            "radius_um": float(row["cell_radius_um"]),
-            "aspect_ratio": page.setting("cell", "aspect_ratio"),
-        }
-        flow = {name: float(row[name]) for name in ("height_um", "mean_velocity_mm_s")}
-    if not cell or not flow:
+    """What the designs hold for, in sentences; none where no table tells."""
+    if not page.some("design_populations"):
         return []
-    asked = [
-        request[f"radius_{i}_um"]
-        for request in requests_of(page).values()
-        for i in (1, 2)
-        if f"radius_{i}_um" in request
-    ]
-    radii = sorted(asked) or [cell["radius_um"]]
+    cells = page["design_populations"]
+    aspect = page.setting("cell", "aspect_ratio") or 1.0
+    flow = ["cell_shape", "height_um", "mean_velocity_mm_s"]
     return [
-        holds_for(cell["shape"], radii, flow["height_um"], flow["mean_velocity_mm_s"]),
-        meaning_of_radius(cell["shape"], radii[0], cell.get("aspect_ratio") or 1.0),
+        *(
+            holds_for(shape, part["cell_radius_um"], height, velocity)
+            for (shape, height, velocity), part in cells.groupby(flow, sort=False)
+        ),
+        *(
+            meaning_of_radius(shape, float(part["cell_radius_um"].iloc[0]), aspect)
+            for shape, part in cells.groupby("cell_shape", sort=False)
+        ),
+    ]
+
+
+def cell_types(page: Page) -> Grid | None:
+    """Both cell types of each request, from what was measured to what acts."""
+    if not page.some("design_populations"):
+        return None
+    table = page["design_populations"]
+    named = table["assay"] != ""
+    index = zip(table["deformation_index"], table["deformation_index_std"], named, strict=True)
+    return page.table(
+        {
+            "request": texts(table["request"]),
+            "cell": texts(table["population"]),
+            "shape": ["bead" if r else s for r, s in table[["rigid", "cell_shape"]].to_numpy()],
+            "R [µm]": numbers(table["cell_radius_um"]),
+            "velocity [mm/s]": numbers(table["mean_velocity_mm_s"]),
+            "height [µm]": numbers(table["height_um"]),
+            "DI ±": [
+                f"{fixed(value, 3)} ± {fixed(spread, 3)}" if by else NOT_MEASURED
+                for value, spread, by in index
+            ],
+            "assay": [a or NOT_MEASURED for a in table["assay"]],
+            Markup("k<sub>s</sub> [µN/m]"): _with_interval(table, "ks", "_uN_per_m"),
+            "Ca": _with_interval(table, "capillary_number", ""),
+            "least gap [µm]": numbers(table["narrowest_width_um"]),
+        },
+        ["design_populations"],
+        notes=_sentences(table["stiffness_basis"], table["narrowest_width_basis"]),
+    )
+
+
+def _with_interval(table: pd.DataFrame, name: str, unit: str) -> list[str]:
+    """Values with their intervals, where an assay gave these."""
+    return [
+        number(value) + (f" ({number(low)} to {number(high)})" if low < high else "")
+        for value, low, high in table[
+            [f"{name}{unit}", f"{name}_low{unit}", f"{name}_high{unit}"]
+        ].to_numpy()
     ]
 
 
@@ -90,19 +122,18 @@ def on_bounds(row: Mapping, request: Mapping | None) -> list[str]:
     return found
 
 
-def _both(table: pd.DataFrame, name: str) -> list[Markup]:
-    """Values of both cell types, with their modes."""
-    pairs = zip(
-        table[f"{name}_1_deg"],
-        table["mode_1"],
-        table[f"{name}_2_deg"],
-        table["mode_2"],
-        strict=True,
-    )
-    return [
-        Markup("{} {},<br>{} {}").format(fixed(a), mode_name(m), fixed(b), mode_name(n))
-        for a, m, b, n in pairs
-    ]
+def _both(table: pd.DataFrame, name: str, intervals: bool = False) -> list[Markup]:
+    """Values of both cell types, with their modes, and with the intervals of predicted angles."""
+    cells = []
+    for i in (1, 2):
+        values = map(fixed, table[f"{name}_{i}_deg"])
+        spans = [""] * len(table)
+        if intervals:
+            low, high = table[f"{name}_{i}_low_deg"], table[f"{name}_{i}_high_deg"]
+            spans = [f" ({span})" for span in ranges(low, high)]
+        modes = map(mode_name, table[f"mode_{i}"])
+        cells.append([f"{v}{s} {m}" for v, s, m in zip(values, spans, modes, strict=True)])
+    return [Markup("{},<br>{}").format(*both) for both in zip(*cells, strict=True)]
 
 
 def _notes(table: pd.DataFrame, requests: Mapping[str, Mapping]) -> list[str]:
@@ -131,7 +162,13 @@ def answer(page: Page) -> dict:
     """One row a request: what a designer acts on."""
     best = best_of(page)
     requests = requests_of(page)
+    doubts = []
+    if page.some("design_populations"):
+        told = page["design_populations"][["request", "doubt"]].drop_duplicates()
+        doubts = told[told["doubt"] != ""].to_numpy().tolist()
     return {
+        "doubts": doubts,
+        "cell_types": cell_types(page),
         "bounds_known": bool(requests),
         "edge": [
             (row["request"], on_bounds(row, requests.get(row["request"])))
@@ -190,8 +227,10 @@ def verified(page: Page) -> dict:
                 **array_columns(rows),
                 "height [µm]": numbers(rows["height_um"]),
                 "cell": texts(rows["population"]),
+                "shape": texts(rows["cell_shape"]),
                 "radius [µm]": numbers(rows["cell_radius_um"]),
                 Markup("k<sub>s</sub> [µN/m]"): numbers(rows["ks_uN_per_m"]),
+                "Ca": numbers(rows["capillary_number"], 2),
                 "predicted [°]": ranges(rows["predicted_low_deg"], rows["predicted_high_deg"]),
                 "simulated [°]": plus_minus(rows["simulated_deg"], rows["sigma_num_deg"]),
                 "mode": map(mode_name, rows["mode"]),
@@ -292,7 +331,7 @@ def _predicted(page: Page, name: str, table: pd.DataFrame, requests: Mapping) ->
         {
             "rank": numbers(table["rank"]),
             **array_columns(table),
-            Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
+            Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle", intervals=True),
             "separation [°]": plus_minus(table["separation_deg"], table["uncertainty_deg"]),
             Markup("σ<sub>num</sub> [°]"): decimals(table["sigma_num_deg"]),
             "over tolerance [°]": ranges(
@@ -323,11 +362,11 @@ def _tolerances(page: Page) -> Grid | None:
     return page.table(
         {
             "request": texts(table["request"]),
-            "off": texts(table["parameter"]),
+            "off": map(term, table["parameter"]),
             "by": numbers(table["offset"], 2),
             Markup("{} of cells 1, 2 [°]").format(ANGLE): _both(table, "angle"),
             "separation [°]": decimals(table["separation_deg"]),
-            "slope [° per µm or per 1]": numbers(table["sensitivity_deg_per_unit"], 2),
+            "slope [° per µm or µN/m]": numbers(table["sensitivity_deg_per_unit"], 2),
         },
         ["design_tolerances"],
     )

@@ -39,10 +39,9 @@ from dldsim.app.web.api.pool import Pool
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Busy, Job, Store
 from dldsim.config.explain import allowed_at
-from dldsim.config.sections import Stiffness
 from dldsim.design import finished_campaign, search
-from dldsim.design.populations import make_populations
-from dldsim.design.simulator import conditions
+from dldsim.design.populations import flow_of
+from dldsim.design.task import angle_interval, check_cell
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 from dldsim.vocabulary import GEOMETRY
@@ -226,46 +225,20 @@ class Service:
         source = self.source(spec.campaign)
         known = source.known
         try:
-            resolved = design_answers.by_deformation_index(
-                spec.request, known.tables.get("calibration")
-            )
-            search.check(search.Task(known.model, resolved, known.chip, spec.seed))
-            if spec.verify:
-                self._check_verification(spec, resolved, known)
+            request = spec.request
+            populations = design_answers.resolve_by(known, request)
+            chip = known.chip.at(flow_of(request, known.chip.flow))
+            search.check(search.Task(known.model, request, populations, chip, spec.seed))
+            if spec.verify and self.settings.verify_workers == 0:
+                raise DldsimError(
+                    "verify = true: this service does not simulate.",
+                    key="verify",
+                    value=True,
+                    allowed="false",
+                    remedy="Leave it out.",
+                )
         except DldsimError as error:
             raise _infeasible(spec, error) from error
-
-    def _check_verification(self, spec, resolved, known) -> None:
-        if self.settings.verify_workers == 0:
-            raise DldsimError(
-                "verify = true: this service does not simulate.",
-                key="verify",
-                value=True,
-                allowed="false",
-                remedy="Leave it out.",
-            )
-        if "calibration" not in known.tables:
-            raise DldsimError(
-                "verify = true: this campaign came without a calibration, which the "
-                "moduli of the cells are read from.",
-                key="verify",
-                value=True,
-                allowed="false",
-                remedy="Upload it with the outcomes.",
-            )
-        conditions(known.tables["outcomes"], design_answers.scene_of(known.settings))
-        sets = {name: Stiffness(**v) for name, v in known.settings["stiffness_sets"].items()}
-        for i in (1, 2):
-            name = getattr(spec, f"stiffness_set_{i}")
-            if name is not None and name not in sets:
-                raise DldsimError(
-                    f"verify = true: stiffness_set_{i} = {name:.64} has no run in this campaign "
-                    f"(with outcomes: {', '.join(sets)}).",
-                    key=(f"stiffness_set_{i}", "verify"),
-                    value=name,
-                    allowed=", ".join(sets),
-                )
-        make_populations(spec.request, resolved, known.tables["calibration"], sets)
 
     def status(self, job: Job) -> str:
         """A design as JSON text; results are stored as they are sent."""
@@ -645,16 +618,20 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         tags=["questions"],
     )
     def predict(spec: models.PredictSpec) -> models.Prediction:
-        """The angle of one cell type in one array."""
+        """The angle of one cell type in one array, and what acts on the cell."""
         source = service.source(spec.campaign)
         model = source.known.model
         place = (spec.pillar_radius_um, spec.gap_um, spec.periodicity)
-        at = (*place, spec.deformation_index, spec.cell_radius_um)
-        angle = float(model.predict(*at)[0])
-        low, high = (float(v[0]) for v in model.predict_interval(*at, level=spec.level))
+        try:
+            cell, _ = design_answers.resolve_by(source.known, spec.request)
+            check_cell("prediction", cell, model)
+        except DldsimError as error:
+            raise _infeasible(spec, error) from error
+        angle = float(model.predict(*place, cell.cell)[0])
+        low, high = (float(v[0]) for v in angle_interval(model, cell, *place, spec.level))
         sigma = model.sigma_num_deg(angle, spec.periodicity)
-        inside = bool(model.inside_domain(*at)[0])
-        outside = model.distance_outside(*place, spec.cell_radius_um)
+        inside = bool(model.inside_domain(*place, cell.cell)[0])
+        outside = model.distance_outside(*place, cell.cell)[0]
         warnings = list(source.provenance.warnings)
         if not inside:
             warnings.append(OUTSIDE)
@@ -674,6 +651,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             sigma_num_deg=None if sigma is None else float(sigma[0]),
             inside_domain=inside,
             distance_outside=models.finite(float(outside)),
+            cell=cell.row("prediction") | {"told_apart": None, "doubt": ""},
             warnings=warnings,
             provenance=source.provenance,
         )
@@ -718,7 +696,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         known = source.known
         card = known.model.card
         outcomes = known.tables["outcomes"]
-        sets, ranges = [], {}
+        sets, ranges, own_assay = [], {}, None
         if "calibration" in known.tables:
             table = known.tables["calibration"]
             for name in dict.fromkeys(table["assay"]):
@@ -726,6 +704,7 @@ def _add_questions(app: FastAPI, service: Service) -> None:
                 if len(values):
                     ranges[name] = (float(values.min()), float(values.max()))
             named = default_curves(table)
+            own_assay = named["assay"].iloc[0]
             named = named[(named["stiffness_set"] != "") & named["deformation_index"].notna()]
             sets = [
                 models.CalibratedSet(**row)
@@ -735,7 +714,9 @@ def _add_questions(app: FastAPI, service: Service) -> None:
                 )
             ]
         columns = GEOMETRY
-        used = outcomes.dropna(subset=["migration_angle_deg", "deformation_index"])
+        used = outcomes.dropna(subset=["migration_angle_deg", "capillary_number"])
+        shapes = card["domain"]
+        own = shapes.get(known.settings["cell"]["shape"]) or next(iter(shapes.values()))
         limits = {
             k: v
             for k, v in service.settings.model_dump().items()
@@ -743,11 +724,11 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         }
         return models.ModelInfo(
             card=models.finite({k: v for k, v in card.items() if k != "domain"}),
-            deformation_index_range=known.model.deformation_index_range,
+            deformation_index_range=ranges.get(own_assay, (0.0, 1.0)),
             domain=models.finite(
                 {
-                    "ranges": card["domain"]["ranges"],
-                    "geometries": card["domain"]["geometries"],
+                    "shapes": shapes,
+                    "geometries": own["geometries"],
                     "arrays": used[columns].drop_duplicates().to_numpy(float).tolist(),
                     "array_columns": columns,
                 }
@@ -930,20 +911,19 @@ def _add_campaigns(app: FastAPI, service: Service) -> None:
     def measure(spec: models.MeasurementsSpec) -> models.CampaignStatus:
         """Measured angles to be learnt from, beside the outcomes of a campaign."""
         source = service.source(spec.campaign)
-        given = spec.model_dump(include={"measurements", "height_um", "mean_velocity_mm_s"})
-        parts = service.data.snapshot(spec.campaign)
-        if "measurements" in parts:
-            given["measurements"] = (
-                json.loads(parts["measurements"])["measurements"] + given["measurements"]
-            )
+        flow = spec.model_dump(include={"height_um", "mean_velocity_mm_s"})
+        given = [flow | row for row in spec.model_dump()["measurements"]]
         simulated = source.known.tables["outcomes"]
         simulated = simulated[simulated["status"] != finished_campaign.MEASURED]
+        calibration = source.known.calibration
         try:
-            table = finished_campaign.with_measurements(simulated, **given)
+            finished_campaign.with_measurements(simulated, given, calibration)
         except DldsimError as error:
             raise _infeasible(spec, error) from error
+        parts = service.data.snapshot(spec.campaign)
+        given = json.loads(parts.get("measurements", b"[]")) + given
         parts["measurements"] = json.dumps(given).encode()
-        return accept(_ascii(spec.name), "measurements", len(table), parts)
+        return accept(_ascii(spec.name), "measurements", len(simulated) + len(given), parts)
 
     @app.get(
         f"{PREFIX}/campaigns/{{id}}",

@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis import surrogate
 from dldsim.analysis.calibration import join_deformation_index
+from dldsim.analysis.learning import SURVEY
 from dldsim.app.web.api.models import Provenance
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
@@ -39,8 +40,11 @@ FILES = (
     "surrogate_card.json",
 )
 NEEDED = tuple(name for name in FILES if name != "flows.parquet")
-TABLES = ("outcomes", "calibration", "flows")
+TABLES = ("outcomes", "calibration", "flows", finished_campaign.LIBRARY)
 """Kinds of tables that a campaign is kept with; only the first is needed."""
+KEPT = {kind: kind for kind in TABLES} | {"survey": "outcomes"}
+"""Kind of each table that is kept: where the service's own campaign has learnt from the survey, so
+do those that are made from it."""
 SEED = 1
 """Of the fit of an uploaded campaign."""
 CACHED = 4
@@ -129,7 +133,7 @@ class Data:
         parts = self.store.parts(campaign)
         tables, control = self._tables(parts)
         model = _load(parts)
-        finished_campaign.check_model(model, tables["outcomes"], Path(job.spec["name"]))
+        finished_campaign.check_model(model, tables, Path(job.spec["name"]))
         found = self._made(tables, parts, model, control, campaign, job.spec)
         with self._lock:
             self._uploaded[campaign] = found
@@ -141,7 +145,8 @@ class Data:
         """Fit the surrogate of an uploaded campaign; its files for the store."""
         parts = self.store.parts(campaign)
         tables, control = self._tables(parts)
-        model = surrogate.fit(tables["outcomes"], derive_seed(SEED, "surrogate"))
+        seed = derive_seed(SEED, "surrogate")
+        model = surrogate.fit(tables["outcomes"], seed, tables.get("survey"))
         with tempfile.TemporaryDirectory() as folder:
             paths = [Path(folder) / name for name in ("surrogate.json", "surrogate_card.json")]
             model.save(*paths)
@@ -152,17 +157,20 @@ class Data:
         """Tables of stored parts, measurements below the outcomes; and the run control."""
         tables, control = {}, None
         with tempfile.TemporaryDirectory() as folder:
-            for kind in TABLES:
-                if kind in parts:
-                    path = Path(folder) / f"{kind}.parquet"
-                    path.write_bytes(parts[kind])
-                    tables[kind] = read_table(kind, path)
-                    if kind == "outcomes":
+            for name, kind in KEPT.items():
+                if name in parts:
+                    path = Path(folder) / f"{name}.parquet"
+                    path.write_bytes(parts[name])
+                    tables[name] = read_table(kind, path)
+                    if name == "outcomes":
                         settings = describe(path)["provenance"].get("settings") or {}
                         control = settings.get("run_control")
         if "measurements" in parts:
-            given = json.loads(parts["measurements"])
-            tables["outcomes"] = finished_campaign.with_measurements(tables["outcomes"], **given)
+            tables["outcomes"] = finished_campaign.with_measurements(
+                tables["outcomes"],
+                json.loads(parts["measurements"]),
+                finished_campaign.calibration_of(tables),
+            )
         return tables, control
 
     def _made(self, tables, parts, model, control, campaign, spec) -> Source:
@@ -179,8 +187,9 @@ class Data:
         if campaign is not None:
             self.source(campaign)
             return {k: v for k, v in self.store.parts(campaign).items() if "surrogate" not in k}
-        self.own()
         paths = {kind: self.folder() / f"{kind}.parquet" for kind in TABLES}
+        if "survey" in self.own().known.tables:
+            paths["survey"] = SURVEY
         return {kind: path.read_bytes() for kind, path in paths.items() if path.is_file()}
 
 

@@ -9,10 +9,10 @@ from functools import cache
 from typing import Annotated, Any, Literal
 
 import pyarrow as pa
-from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator, model_validator
 
-from dldsim.config.design_sections import DesignRequest
-from dldsim.config.sections import Section
+from dldsim.config.design_sections import DesignRequest, Spring, check_cell_type
+from dldsim.config.sections import Fraction, Name, Section, Shape
 from dldsim.tables.registry import COLUMNS
 
 LARGEST = {
@@ -172,10 +172,48 @@ class PredictSpec(Section):
     pillar_radius_um: float = Field(ge=0.1, le=100, description="pillar radius P_r")
     gap_um: float = Field(ge=0.1, le=200, description="gap P_g between pillar surfaces")
     periodicity: int = Field(ge=2, le=100, description="rows N_p after which the array repeats")
-    deformation_index: float = Field(ge=0, le=1, description="of the cell type")
+    cell_shape: Shape = Field("biconcave", description="rest shape of the cell type")
     cell_radius_um: float = Field(7.5, ge=0.1, le=50, description="radius of the cell type")
+    deformation_index: Fraction | None = Field(None, description="of the cell type, by the assay")
+    deformation_index_std: Fraction | None = Field(
+        None, description="spread of it among cells; default 0"
+    )
+    assay: Name | None = Field(None, description="default: the campaign's own")
+    stiffness_set: str | None = Field(
+        None, max_length=SETS_LENGTH, description="instead of deformation_index"
+    )
+    ks_uN_per_m: Spring | None = Field(None, description="spring constant k_s, instead")
+    rigid: bool = Field(False, description="a bead (cell_shape sphere), instead")
+    velocity_mm_s: Annotated[float, Field(ge=1e-5, le=1000)] | None = Field(
+        None, description="mean velocity; default: the campaign's"
+    )
+    height_um: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+        None, description="channel height; default: the campaign's"
+    )
     level: float = Field(0.9, ge=0.5, le=0.99, description="level of the prediction interval")
     campaign: CampaignId | None = None
+
+    @model_validator(mode="after")
+    def _one_name(self) -> "PredictSpec":
+        keys = "deformation_index", "stiffness_set", "ks_uN_per_m", "rigid"
+        check_cell_type(self, keys, "cell_shape", "deformation_index_std")
+        return self
+
+    @property
+    def request(self) -> DesignRequest:
+        """A design request whose two cell types are this one."""
+        cell = {f"shape_{i}": self.cell_shape for i in (1, 2)}
+        for i in (1, 2):
+            cell |= {
+                f"radius_{i}_um": self.cell_radius_um,
+                f"deformation_index_{i}": self.deformation_index,
+                f"deformation_index_std_{i}": self.deformation_index_std,
+                f"stiffness_set_{i}": self.stiffness_set,
+                f"ks_{i}_uN_per_m": self.ks_uN_per_m,
+                f"rigid_{i}": self.rigid,
+            }
+        named = self.model_dump(include={"assay", "velocity_mm_s", "height_um"})
+        return DesignRequest(name="prediction", **cell, **named)
 
 
 class StiffnessSpec(Section):
@@ -201,8 +239,12 @@ class Measurement(Section):
     pillar_radius_um: float = Field(ge=0.1, le=100, description="as fabricated")
     gap_um: float = Field(ge=0.1, le=200, description="as fabricated")
     periodicity: int = Field(ge=2, le=100, description="rows N_p")
-    deformation_index: float = Field(ge=0, le=1, description="of the cell type")
+    cell_shape: Shape = Field("biconcave", description="rest shape of the cell type")
     cell_radius_um: float = Field(ge=0.1, le=50, description="of the cell type")
+    deformation_index: Fraction | None = Field(
+        None, description="of the cell type, by the campaign's own assay"
+    )
+    ks_uN_per_m: Spring | None = Field(None, description="spring constant k_s, instead")
     migration_angle_deg: float = Field(
         ge=-45, le=45, description="measured against the flow, positive as the rows shift"
     )
@@ -251,7 +293,7 @@ class MeasurementsSpec(Section):
 
 @cache
 def row_model(kind: str) -> type[Answer]:
-    """Model of one row of a table; `designs` have the interval of each angle as well."""
+    """Model of one row of a table."""
     types = {pa.string(): str, pa.int64(): int, pa.float64(): float, pa.bool_(): bool}
     types |= {pa.list_(arrow): list[python] for arrow, python in types.items()}
     fields: dict[str, Any] = {}
@@ -259,18 +301,12 @@ def row_model(kind: str) -> type[Answer]:
         python = types[c.type]
         about = f"{c.description} [{c.unit}]" if c.unit else c.description
         fields[c.name] = (python | None if c.nullable else python, Field(description=about))
-    if kind == "designs":
-        for i in (1, 2):
-            for side in ("low", "high"):
-                fields[f"angle_{i}_{side}_deg"] = (
-                    float,
-                    Field(description=f"{side} end of the 90 % interval of angle {i} [°]"),
-                )
     name = "".join(word.capitalize() for word in kind.split("_"))
     return create_model(f"{name}Row", __base__=Answer, **fields)
 
 
 Candidate = row_model("designs")
+CellType = row_model("design_populations")
 Trial = row_model("design_trials")
 Tolerance = row_model("design_tolerances")
 Importance = row_model("design_importance")
@@ -287,7 +323,9 @@ class Provenance(Answer):
     campaign: str | None = Field(description="id of an uploaded campaign; null: the service's own")
     campaign_name: str = Field(description="in words, to be shown")
     origin: Literal["tracked", "uploaded", "measurements"]
-    holds_for: str = Field("", description="shape of the cells, height and velocity, to be shown")
+    holds_for: str = Field(
+        "", description="shapes, capillary numbers and heights that were learnt, to be shown"
+    )
     outcomes: int = Field(description="rows of the table of outcomes")
     used: int = Field(description="of which learnt from")
     measured: int = Field(0, description="of which measured on fabricated devices, not simulated")
@@ -356,7 +394,10 @@ class Verdict(Answer):
 class DesignResult(Answer):
     """The tables of a search."""
 
-    request: dict[str, Any] = Field(description="with deformation indices in place of sets")
+    request: dict[str, Any] = Field(description="with the deformation indices of named sets")
+    populations: list[CellType] = Field(
+        [], description="both cell types: from what was measured to what acts"
+    )
     designs: list[Candidate] = Field(description="ranked candidates, predicted, not simulated")
     trials: list[Trial]
     convergence: list[float | None] = Field(description="best value after each trial")
@@ -431,6 +472,7 @@ class Prediction(Answer):
     distance_outside: float | None = Field(
         description="from the training geometries, in units of their range; null: not measurable"
     )
+    cell: CellType | None = Field(None, description="from what was measured to what acts")
     warnings: list[str]
     provenance: Provenance
 
@@ -501,10 +543,13 @@ class ModelInfo(Answer):
     """The surrogate: its card, where it holds, and what may be asked of it."""
 
     card: dict[str, Any]
-    deformation_index_range: tuple[float, float]
+    deformation_index_range: tuple[float, float] = Field(
+        description="of the campaign's own assay; 0 to 1 without a calibration"
+    )
     domain: dict[str, Any] = Field(
-        description="`ranges` of the features; `geometries`: (P_r/R, P_g/R, N_p) learnt from; "
-        "`arrays`: (P_r, P_g, N_p) in µm; their hull is where the surrogate interpolates"
+        description="`shapes`: of each shape `geometries` (P_r/R, P_g/R, N_p), in whose hull the "
+        "surrogate interpolates, and ranges; `geometries`: of the campaign's own shape; `arrays`: "
+        "(P_r, P_g, N_p) of the campaign in µm"
     )
     calibrated_range: dict[str, tuple[float, float]] = Field(description="by assay")
     stiffness_sets: list[CalibratedSet]
@@ -548,7 +593,7 @@ class Health(Answer):
 
 def limits_of(model: type[BaseModel]) -> list[FieldLimit]:
     """Ranges, units, defaults and meanings of the fields of a request."""
-    units = {"_um": "µm", "_deg": "°", "_kPa": "kPa", "_mm_s": "mm/s"}
+    units = {"_um": "µm", "_deg": "°", "_kPa": "kPa", "_mm_s": "mm/s", "_uN_per_m": "µN/m"}
     found = []
     for name, field in model.model_fields.items():
         schema = model.model_json_schema()["properties"][name]

@@ -212,7 +212,7 @@ class _Course:
         self.report("search")
 
     def trial(self, row: Mapping[str, Any]) -> None:
-        from dldsim.analysis.surrogate import DOMAIN_TOLERANCE
+        from dldsim.analysis.domain import DOMAIN_TOLERANCE
 
         self.done = row["trial"] + 1
         if row["feasible"] and (self.best is None or row["value"] > self.best["value"]):
@@ -263,35 +263,36 @@ GRID_TRIALS = 2000
 
 
 def result_of(made: design_answers.Made, source) -> dict[str, Any]:
-    """The tables of a search as an answer, with the interval of each candidate's angles."""
+    """The tables of a search as an answer."""
     from dldsim.report.design_figures import best_so_far
 
-    model, found, resolved = source.known.model, made.found, made.resolved
-    designs = found.designs.copy()
-    place = [designs[k].to_numpy() for k in GEOMETRY]
-    for i in (1, 2):
-        designs[f"angle_{i}_low_deg"], designs[f"angle_{i}_high_deg"] = model.predict_interval(
-            *place, getattr(resolved, f"deformation_index_{i}"), getattr(resolved, f"radius_{i}_um")
-        )
+    found, request = made.found, made.request.model_dump()
+    for population in made.populations:
+        request[f"deformation_index_{population.number}"] = population.deformation_index
+        request[f"deformation_index_std_{population.number}"] = population.deformation_index_std
     trials = found.trials
     if len(trials) > GRID_TRIALS:
         trials = trials.nlargest(GRID_TRIALS, "value")
     best = best_so_far(found.trials)["best"]
     return {
-        "request": resolved.model_dump(),
-        "designs": table_rows("designs", designs),
+        "request": request,
+        "populations": table_rows("design_populations", found.populations),
+        "designs": table_rows("designs", found.designs),
         "trials": table_rows("design_trials", trials),
         "convergence": models.finite(best.iloc[:: max(1, len(best) // GRID_TRIALS)].tolist()),
         "tolerances": table_rows("design_tolerances", found.tolerances),
         "importance": table_rows("design_importance", found.importance),
         "slices": table_rows("design_slices", found.slices),
-        "warnings": warnings_of(found, source),
+        "warnings": warnings_of(made, source),
     }
 
 
-def warnings_of(found, source) -> list[str]:
+def warnings_of(made: design_answers.Made, source) -> list[str]:
     """What a user must know before the numbers."""
-    texts = list(source.provenance.warnings)
+    from dldsim.design.populations import doubt
+
+    found = made.found
+    texts = [*filter(None, [doubt(made.populations)]), *source.provenance.warnings]
     first = found.designs.iloc[0]
     if not first["inside_training_domain"]:
         texts.append(

@@ -724,6 +724,7 @@ def _in_domain(info: models.ModelInfo, request: Mapping[str, Any], designs: list
             [
                 (request[f"deformation_index_{i}"], request[f"deformation_index_std_{i}"])
                 for i in (1, 2)
+                if request[f"deformation_index_{i}"] is not None
             ],
         ),
         "strip",
