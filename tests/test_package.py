@@ -1,4 +1,4 @@
-"""What is handed on: the source archive has every file of the repository, and a wheel made from it works."""
+"""Source archive and wheel: built from a clean copy, complete, and working once installed."""
 
 import os
 import shutil
