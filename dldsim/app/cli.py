@@ -14,6 +14,7 @@ from dldsim import __version__
 from dldsim.app.commands.calibration import add_calibrate
 from dldsim.app.commands.design import add_design
 from dldsim.app.commands.options import Parser
+from dldsim.app.commands.outcome import add_outcome
 from dldsim.app.commands.output import make_printable, plain_value
 from dldsim.app.commands.service import add_serve
 from dldsim.app.commands.simulation import add_constrict, add_flow, add_run
@@ -66,6 +67,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_anova,
         add_stiffness,
         add_design,
+        add_outcome,
         add_validate,
         add_serve,
         add_info,

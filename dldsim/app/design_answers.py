@@ -1,6 +1,6 @@
 """The answer to one design request: search, simulated check, tables and files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,19 +8,24 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from dldsim.analysis import surrogate
+from dldsim.app.asked import Both, ask
 from dldsim.config.design_sections import DesignRequest, Verification
 from dldsim.config.provenance import derive_seed, provenance
-from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
+from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.design.chip import Chip
+from dldsim.design.device_outcome import SUMMED_UP, DeviceOutcome, tables_of
 from dldsim.design.export import export_design
 from dldsim.design.finished_campaign import Campaign, calibration_of
+from dldsim.design.outlet_task import OutletTask
 from dldsim.design.populations import Population, flow_of, make_populations
 from dldsim.design.rounds import verify
 from dldsim.design.search import Each, Found, search
 from dldsim.design.simulator import Scene, Simulator
-from dldsim.design.verified import Verdicts, export, plain
+from dldsim.design.verified import Verdicts, devices_of, export, plain
+from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.parquet import write_csv, write_table
+from dldsim.vocabulary import GEOMETRY
 
 SEARCH = (
     "design_populations",
@@ -73,8 +78,10 @@ def verify_request(
     work: Path,
     files: Path,
     progress: Progress | None,
+    measured: Both = (None, None),
 ) -> Verdicts:
-    """Verify the designs of one request by simulation and write their files.
+    """Verify the designs of one request by simulation, look at the outlets of those whose files are
+    written, and write them.
 
     ``settings``: sections of the configuration, `seed` and `verification` among them; ``tables``:
     `outcomes`, and `calibration` and `survey` if there are any; ``work``: where finished ones are
@@ -85,6 +92,7 @@ def verify_request(
     flow = flow_of(request, chip.flow)
     budget = Verification(**settings["verification"])
     simulator = Simulator(work, scene_of(settings)._replace(flow=flow), progress)
+    asked = ask(request, populations, tables, measured)
     verdicts = verify(
         model,
         tables["outcomes"],
@@ -94,10 +102,21 @@ def verify_request(
         populations,
         simulator,
         derive_seed(settings["seed"], f"verify/{request.name}"),
+        sources=asked.sources,
+        history=asked.history,
         fit=partial(surrogate.fit, survey=tables.get("survey")),
         resistance=simulator.resistance,
         progress=progress,
     )
+    seed = derive_seed(settings["seed"], f"design/{request.name}")
+    task = OutletTask(model, request, asked.sources, asked.history, chip.at(flow), seed)
+    try:
+        devices = devices_of(verdicts, task, budget.exports)
+    except DldsimError as error:
+        devices = []
+        if progress:
+            progress(f"no outcome of the device: {error}")
+    verdicts = verdicts._replace(devices=devices)
     Path(files).mkdir(parents=True, exist_ok=True)
     export(
         verdicts,
@@ -113,12 +132,15 @@ def verify_request(
 
 
 class Made(NamedTuple):
-    """The answer to one request: its cell types, settings and tables."""
+    """The answer to one request: its cell types, settings, tables of the search, and what comes out
+    of the candidates, in their order; ``notes``: what to know about that."""
 
     request: DesignRequest
-    populations: list[Population]
+    populations: Sequence[Population]
     settings: dict[str, Any]
     found: Found
+    devices: list[DeviceOutcome]
+    notes: list[str]
 
     @property
     def about(self) -> dict[str, Any]:
@@ -132,20 +154,32 @@ def make_designs(
     seed: int,
     budget: Verification,
     each: Each | None = None,
+    measured: Both = (None, None),
 ) -> Made:
-    """Search for one request; ``budget`` is that of a verification later, ``each`` as in `search`.
+    """Search for one request, and look at the outlets of its candidates.
+
+    ``budget`` is that of a verification later, ``each`` as in `search`, ``measured``: cells of both
+    types, whose mean and scatter the request has. A device that its cells do not fit has no
+    outcomes, and the notes say why.
 
     Raises DldsimError as `search` does.
     """
     populations = resolve_by(known, request)
+    asked = ask(request, populations, known.tables, measured)
+    chip = known.chip.at(flow_of(request, known.chip.flow))
+    number = derive_seed(seed, f"design/{request.name}")
     found = search(
-        known.model,
-        request,
-        populations,
-        known.chip.at(flow_of(request, known.chip.flow)),
-        derive_seed(seed, f"design/{request.name}"),
-        each,
+        known.model, request, populations, chip, number, each, asked.sources, asked.history
     )
+    task = OutletTask(known.model, request, asked.sources, asked.history, chip, number)
+    notes = asked.notes
+    try:
+        devices = [
+            task.outcome(candidate_name(request, design["design"]), geometry_of(design))
+            for _, design in found.designs.iterrows()
+        ]
+    except DldsimError as error:
+        devices, notes = [], [*notes, f"no outcome of the device: {error}"]
     settings = {
         **known.settings,
         "seed": seed,
@@ -154,7 +188,17 @@ def make_designs(
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry", "versions")},
         "holds_for": known.model.holds_for,
     }
-    return Made(request, populations, settings, found)
+    return Made(request, populations, settings, found, devices, notes)
+
+
+def candidate_name(request: DesignRequest, number: int) -> str:
+    """Name of a candidate and its files."""
+    return f"{request.name}-candidate-{number}"
+
+
+def geometry_of(design: Mapping[str, Any]) -> Geometry:
+    """The array of a row of `designs` or `verified_designs`."""
+    return Geometry(**{name: design[name] for name in GEOMETRY})
 
 
 def write_designs(
@@ -167,9 +211,9 @@ def write_designs(
     Returns what was written, CSV twins left out.
     """
     directory = Path(directory)
-    written = write_tables(made.found, verdicts, directory, made.about)
+    written = write_tables(made, verdicts, directory)
     for _, design in made.found.designs.iterrows():
-        name = f"{made.request.name}-candidate-{design['design']}"
+        name = candidate_name(made.request, design["design"])
         files = export_design(
             name,
             design.to_dict(),
@@ -179,6 +223,7 @@ def write_designs(
             about=made.about,
             card=known.model.card,
             picture=design["design"] == 1,
+            outcome=next((d for d in made.devices if d.name == name), None),
         )
         written += files.values()
     from dldsim.report.design_page import write_report
@@ -187,11 +232,17 @@ def write_designs(
     return [*written, directory / "report.html"]
 
 
-def write_tables(
-    found: Found, verdicts: Verdicts | None, directory: Path, about: Mapping[str, Any]
-) -> list[Path]:
-    """Tables of a search, and of its verification, with CSV twins; returns the Parquet files."""
-    tables = dict(zip(SEARCH, found, strict=True))
+def write_tables(made: Made, verdicts: Verdicts | None, directory: Path) -> list[Path]:
+    """Tables of a search, of its outlets, and of its verification, with CSV twins; returns the
+    Parquet files.
+
+    What comes out is that of the simulated designs, where there are any; of the first device there
+    is the way of the cells, too.
+    """
+    about = made.about
+    devices = made.devices if verdicts is None else verdicts.devices or made.devices
+    tables: dict[str, Any] = dict(zip(SEARCH, made.found, strict=True))
+    tables |= tables_of(devices[:1]) | tables_of(devices, SUMMED_UP)
     if verdicts is not None:
         tables |= {
             "verifications": plain(verdicts.verifications),

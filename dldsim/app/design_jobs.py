@@ -8,6 +8,7 @@ import pandas as pd
 
 from dldsim.analysis import surrogate
 from dldsim.analysis.learning import survey_of
+from dldsim.app.asked import ask
 from dldsim.app.design_answers import SEARCH, resolve, verify_request
 from dldsim.config.design_sections import DesignRequest
 from dldsim.config.provenance import derive_seed, provenance
@@ -15,7 +16,7 @@ from dldsim.config.sections import Stiffness
 from dldsim.design.chip import Chip
 from dldsim.design.finished_campaign import make_chip
 from dldsim.design.populations import Population, flow_of
-from dldsim.design.search import regret, search
+from dldsim.design.search import Found, regret, search
 from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
@@ -52,6 +53,13 @@ def _inputs(settings: Mapping, model: Path, card: Path, calibration: Path, flows
     )
 
 
+def _known(settings: Mapping, inputs: Inputs, outcomes: Path) -> dict[str, pd.DataFrame]:
+    """Tables of outcomes and calibration, and of the survey where it is learnt from."""
+    tables = {"outcomes": read_table("outcomes", outcomes), "calibration": inputs.calibration}
+    survey = survey_of(settings)
+    return tables if survey is None else tables | {"survey": survey}
+
+
 def each_request(
     inputs: Inputs, answer: Callable[[DesignRequest], Any]
 ) -> tuple[list[Any], list[dict[str, str]]]:
@@ -71,20 +79,31 @@ def each_request(
 
 
 def design_job(
-    settings: Mapping, *, tables: Mapping[str, Path], progress: Progress, **paths: Path
+    settings: Mapping,
+    *,
+    tables: Mapping[str, Path],
+    outcomes: Path,
+    progress: Progress,
+    **paths: Path,
 ) -> None:
     """Search for all requests; the tables of SEARCH and `design_requests`, with CSV twins."""
     inputs = _inputs(settings, **paths)
-    found, requests = each_request(
-        inputs,
-        lambda request: search(
+    known = _known(settings, inputs, outcomes)
+
+    def answer(request: DesignRequest) -> Found:
+        asked = ask(request, inputs.populations(request), known)
+        return search(
             inputs.model,
             request,
-            inputs.populations(request),
+            asked.populations,
             inputs.chip_for(request),
             derive_seed(settings["seed"], f"design/{request.name}"),
-        ),
-    )
+            None,
+            asked.sources,
+            asked.history,
+        )
+
+    found, requests = each_request(inputs, answer)
     content: dict[str, Any] = {kind: _empty(kind) for kind in SEARCH}
     if found:
         parts = zip(SEARCH, zip(*found, strict=True), strict=True)
@@ -142,9 +161,7 @@ def verify_job(
     """
     inputs = _inputs(settings, **paths)
     inputs = inputs._replace(requests=[r for r in inputs.requests if r.name == name])
-    tables = {"outcomes": read_table("outcomes", outcomes), "calibration": inputs.calibration}
-    if (survey := survey_of(settings)) is not None:
-        tables["survey"] = survey
+    tables = _known(settings, inputs, outcomes)
     Path(files).mkdir(parents=True, exist_ok=True)
     found, told = each_request(
         inputs,

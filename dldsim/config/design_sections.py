@@ -1,10 +1,12 @@
 """Settings of the search for designs, of their check by simulation, and of the chip."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from dldsim.config.population_sections import CellScatter
 from dldsim.config.sections import Fraction, Name, Periodicity, Section, Shape, Unfit
 
 
@@ -25,8 +27,16 @@ class Device(Section):
     sample_width_um: float = Field(60.0, gt=0, le=1e5, description="width of the sample stream")
     divider_um: float = Field(30.0, gt=0, le=1e5, description="thickness of walls between streams")
     port_diameter_mm: float = Field(1.0, gt=0, le=10, description="diameter of the reservoirs")
-    wall_gap_fraction: float = Field(
-        0.5, gt=0, le=1, description="least gap between a pillar and a side wall / P_g"
+    outlets: Annotated[int, Field(ge=2, le=20)] | None = Field(
+        None,
+        description="outlets side by side; default: as outlet_walls_um has them, else 2. Of two "
+        "the wall between them is placed for the best separation, more are equally wide",
+    )
+    outlet_walls_um: list[Annotated[float, Field(gt=0, le=1e5)]] | None = Field(
+        None,
+        min_length=1,
+        max_length=19,
+        description="middles of the walls between outlets above the lower side wall, rising",
     )
     alignment_mark_um: float = Field(
         200.0, gt=0, le=1e5, description="size of the alignment crosses"
@@ -55,10 +65,34 @@ class Device(Section):
                 "divider_um",
                 "array_width_mm",
             )
+        walls = self.outlet_walls_um
+        if walls is not None:
+            edges = [-self.divider_um / 2, *walls, width + self.divider_um / 2]
+            if min(b - a for a, b in pairwise(edges)) <= self.divider_um:
+                raise Unfit(
+                    f"outlet_walls_um rising, inside the channel (0 to {width:g} µm), and further "
+                    f"apart than divider_um = {self.divider_um:g}: every outlet has a width",
+                    "outlet_walls_um",
+                    "array_width_mm",
+                    "divider_um",
+                )
+            if self.outlets is not None and self.outlets != len(walls) + 1:
+                raise Unfit(
+                    f"outlets = {len(walls) + 1} with {len(walls)} outlet_walls_um, or left out",
+                    "outlets",
+                    "outlet_walls_um",
+                )
         layers = [value for key, value in self if key.startswith("layer_")]
         if len(set(layers)) < len(layers):
             raise ValueError("every layer_… another number")
         return self
+
+    def walls_um(self, width_um: float) -> list[float] | None:
+        """Walls between outlets of an array so wide; None where one is still to be placed."""
+        if self.outlet_walls_um is not None:
+            return list(self.outlet_walls_um)
+        count = self.outlets or 2
+        return None if count == 2 else [width_um * i / count for i in range(1, count)]
 
 
 Bound = Annotated[float, Field(gt=0, lt=1000)]
@@ -71,7 +105,7 @@ DEFORMABILITIES = ("deformation_index_{}", "stiffness_set_{}", "ks_{}_uN_per_m",
 """Fields of a cell type of which a request names one."""
 
 
-class DesignRequest(Section):
+class DesignRequest(CellScatter):
     """Two cell types to be separated, and the bounds of the search.
 
     Each cell type has a shape, a radius, and one of: a deformation index by an assay, a stiffness
@@ -117,10 +151,11 @@ class DesignRequest(Section):
     periodicity: tuple[Periodicity, Periodicity] = Field(
         (4, 12), description="lowest and highest periodicity"
     )
-    objective: Literal["separation", "robust"] = Field(
+    objective: Literal["separation", "robust", "purity-recovery"] = Field(
         "robust",
-        description="what is maximised: |Δθ| as predicted, or the |Δθ| that nine of ten draws "
-        "exceed with spread of the cells, error of the prediction and fabrication tolerance",
+        description="what is maximised: |Δθ| as predicted, the |Δθ| that nine of ten draws exceed "
+        "with spread of the cells, error of the prediction and fabrication tolerance, or the "
+        "smallest purity or recovery that nine of ten draws exceed at the outlets of the device",
     )
     sampler: Literal["tpe", "grid"] = Field(
         "tpe", description="Parzen estimator with so many trials, or every point of a grid"
@@ -132,7 +167,6 @@ class DesignRequest(Section):
         20, ge=1, le=10_000, description="random trials before the model guides"
     )
     grid_steps: int = Field(17, ge=2, le=65, description="values of P_r and of P_g in the grid")
-    draws: int = Field(64, ge=8, le=4096, description="Monte Carlo draws of the robust objective")
     candidates: int = Field(5, ge=1, le=100, description="candidates to report")
     tolerance_um: float = Field(
         0.5, ge=0, le=100, description="± on P_r and P_g in the tolerance analysis"
@@ -150,7 +184,17 @@ class DesignRequest(Section):
         description="distance of the two cell types wanted at the end of the array",
     )
     pressure_max_kPa: Annotated[float, Field(gt=0, le=1e9)] | None = Field(
-        None, description="largest pressure drop over the length which that takes; none: no limit"
+        None,
+        description="largest pressure drop: over the length which that takes, or with objective "
+        "purity-recovery over the array, which is as long as this allows; none: no limit",
+    )
+    footprint_max_mm2: Annotated[float, Field(gt=0, le=1e4)] | None = Field(
+        None,
+        description="largest length times width of the array, with objective purity-recovery; "
+        "none: no limit but the device's own length",
+    )
+    sample_min_uL_per_h: Annotated[float, Field(gt=0, le=1e9)] | None = Field(
+        None, description="least flow of the sample stream; none: no limit"
     )
 
     @field_validator("pillar_radius_um", "gap_um", "periodicity")
@@ -163,8 +207,18 @@ class DesignRequest(Section):
     @model_validator(mode="after")
     def _one_name_per_cell(self) -> "DesignRequest":
         for i in "12":
-            keys = [key.format(i) for key in DEFORMABILITIES]
-            check_cell_type(self, keys, f"shape_{i}", f"deformation_index_std_{i}")
+            others = f"shape_{i}", f"deformation_index_std_{i}"
+            check_cell_type(self, [key.format(i) for key in DEFORMABILITIES], *others)
+            variation = f"ks_cv_{i}"
+            for key in (f"deformation_index_std_{i}", f"rigid_{i}"):
+                if getattr(self, variation) is not None and getattr(self, key) not in (None, False):
+                    raise Unfit(f"one of {variation} and {key}", variation, key)
+        if self.footprint_max_mm2 is not None and self.objective != "purity-recovery":
+            raise Unfit(
+                "footprint_max_mm2 with objective: purity-recovery, which alone chooses a length",
+                "footprint_max_mm2",
+                "objective",
+            )
         return self
 
 

@@ -8,7 +8,10 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis.domain import DOMAIN_TOLERANCE
+from dldsim.analysis.features import share_of
 from dldsim.config.design_sections import DesignRequest
+from dldsim.config.sections import Geometry
+from dldsim.design.outlet_task import OBJECTIVE as OUTLETS
 from dldsim.design.task import DECIMALS, TINY, Task, extrapolated, fixed, violations
 from dldsim.experiments.migration import mode_of
 from dldsim.tables.registry import TABLES
@@ -24,6 +27,10 @@ TRANSITION_SHARE = 0.25
 """An array is near one where tan θ · N_p of a cell type is this close to a half."""
 SLICE_STEPS = 33
 """Values of P_r and of P_g in the slices through the best candidate."""
+OPEN_SPAN = 0.5
+"""Part of the bump displacement from which on an interval leaves a mode open."""
+SAME_OUTLETS = 0.01
+"""Purities and recoveries that differ by less are not ranked against each other."""
 BOUND_SHARE = 0.02
 """A candidate nearer to a bound than this share of the range is on it: samplers seldom hit it."""
 
@@ -33,7 +40,7 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
     request, chip, surrogate = task.request, task.chip, task.surrogate
     beyond = extrapolated(task)
     inside = (feasible["outside"] <= DOMAIN_TOLERANCE) & (not beyond)
-    table = feasible.assign(inside_training_domain=inside)
+    table = feasible.assign(inside_training_domain=inside).dropna(subset="value")
     if len(table) > GRID_CHECKED:
         table = table.nlargest(GRID_CHECKED, ["inside_training_domain", "value"], keep="all")
     place = [table[name].to_numpy() for name in GEOMETRY]
@@ -44,9 +51,12 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         separation_tolerance_max_deg=largest,
         sigma_num_deg=np.nan if first is None or second is None else np.hypot(first, second),
         uncertainty_deg=np.hypot(*task.half_widths(*place)),
-    ).sort_values(
-        ["inside_training_domain", "value", "separation_tolerance_min_deg", "trial"],
-        ascending=[False, False, False, True],
+        mode_open=open_modes(task, table, sigma),
+    )
+    outlets = request.objective == OUTLETS
+    table = table.assign(behind=table["mode_open"] & outlets).sort_values(
+        ["inside_training_domain", "behind", "value", "separation_tolerance_min_deg", "trial"],
+        ascending=[False, True, False, False, True],
     )
     chosen: list[pd.Series] = []
     for _, row in table.iterrows():
@@ -55,8 +65,10 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         if all(distinct(request, row, c) for c in chosen):
             chosen.append(row)
     designs = pd.DataFrame(chosen).astype({"periodicity": int, "inside_training_domain": bool})
+    if outlets:
+        designs = with_outlets(task, designs)
     designs["design"] = range(1, len(designs) + 1)
-    designs["rank"] = ranks = ranks_of(designs, "value")
+    designs["rank"] = ranks = ranks_of(designs, "value", SAME_OUTLETS * outlets)
     place = [designs[name].to_numpy() for name in GEOMETRY]
     angles = [designs[f"angle_{i}_deg"].to_numpy(float) for i in (1, 2)]
     modes = [[mode_of(a, 1 / n) for a, n in zip(angle, place[2], strict=True)] for angle in angles]
@@ -88,7 +100,7 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         throughput_uL_per_h=chip.throughput_uL_per_h,
         verdict=[verdict_of(row) for _, row in designs.iterrows()],
         notes=[
-            notes_of(row, ranks.count(row["rank"]), at_bounds(request, row), beyond)
+            notes_of(row, ranks.count(row["rank"]), at_bounds(request, row), beyond, outlets)
             for _, row in designs.iterrows()
         ],
     )
@@ -245,6 +257,30 @@ def shifted(design: Mapping[str, Any], parameter: str, offset: float) -> tuple[f
     return max(radius, 1e-3), max(gap, 1e-3), int(design["periodicity"])
 
 
+def open_modes(
+    task: Task, table: pd.DataFrame, sigma_deg: Sequence[np.ndarray | None]
+) -> np.ndarray:
+    """Whether the mode of a cell type is open, (n,): its prediction interval, or ± σ_num, spans
+    OPEN_SPAN of the bump displacement."""
+    place = [table[name].to_numpy() for name in GEOMETRY]
+    spans = [
+        share_of(high, place[2]) - share_of(low, place[2]) for low, high in task.intervals(*place)
+    ]
+    spans += [2 * share_of(sigma, place[2]) for sigma in sigma_deg if sigma is not None]
+    return np.max(spans, axis=0) >= OPEN_SPAN
+
+
+def with_outlets(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
+    """Candidates with the value that their outlets have with all draws, best first."""
+    values = [
+        task.outlets.outcome("", Geometry(**{n: row[n] for n in GEOMETRY})).split.robust
+        for row in designs.to_dict("records")
+    ]
+    return designs.assign(value=values).sort_values(
+        ["inside_training_domain", "behind", "value"], ascending=[False, True, False], kind="stable"
+    )
+
+
 def distinct(request: DesignRequest, a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
     """Whether two geometries count as different."""
     apart = max(request.tolerance_um, TINY)
@@ -253,18 +289,20 @@ def distinct(request: DesignRequest, a: Mapping[str, Any], b: Mapping[str, Any])
     )
 
 
-def ranks_of(designs: pd.DataFrame, value: str) -> list[int]:
+def ranks_of(designs: pd.DataFrame, value: str, same: float = 0.0) -> list[int]:
     """Rank of each design, best first: 1 + number of designs before its class of equals.
 
-    Equal to the first of its class: on the same side of the training domain, and apart by less than
-    the combined σ_num of the two separations. Without σ_num every design has its own rank.
+    Equal to the first of its class: on the same side of the training domain, ranked behind for an
+    open mode or not, and apart by less than ``same`` or, where that is 0, the combined σ_num of the
+    two separations. Without σ_num every design has its own rank.
     """
     ranks: list[int] = []
     leader = None
     for place, (_, row) in enumerate(designs.iterrows()):
         equal = leader is not None and (
-            row["inside_training_domain"] == leader["inside_training_domain"]
-            and leader[value] - row[value] < hypot(leader["sigma_num_deg"], row["sigma_num_deg"])
+            all(row.get(side) == leader.get(side) for side in ("inside_training_domain", "behind"))
+            and leader[value] - row[value]
+            < (same or hypot(leader["sigma_num_deg"], row["sigma_num_deg"]))
         )
         if not equal:
             leader = row
@@ -299,13 +337,21 @@ def verdict_of(row: Mapping[str, Any]) -> str:
 
 
 def notes_of(
-    row: Mapping[str, Any], equals: int, bounds: Sequence[str] = (), beyond: Sequence[str] = ()
+    row: Mapping[str, Any],
+    equals: int,
+    bounds: Sequence[str] = (),
+    beyond: Sequence[str] = (),
+    outlets: bool = False,
 ) -> list[str]:
     """What else its prediction is worth, in words; ``equals``: candidates of its rank, ``bounds``:
-    those that it lies on, ``beyond``: what of the request was not learnt."""
+    those that it lies on, ``beyond``: what of the request was not learnt, ``outlets``: ranked by
+    them."""
     notes = []
+    if row["mode_open"]:
+        notes.append("a mode is open: its interval spans half of the bump displacement")
     if equals > 1:
-        notes.append(f"one of {equals} not ranked against each other: closer than σ_num")
+        why = "equally good outlets" if outlets else "closer than σ_num"
+        notes.append(f"one of {equals} not ranked against each other: {why}")
     if np.isnan(row["sigma_num_deg"]):
         notes.append("numerical uncertainty not studied")
     if not row["inside_training_domain"]:

@@ -96,6 +96,12 @@ class Chip(NamedTuple):
         return self.resistance.basis
 
     @property
+    def sample_uL_per_h(self) -> float:
+        """Flow of the sample stream."""
+        width_mm = self.device.sample_width_um / 1e3
+        return 3.6 * self.flow.mean_velocity_mm_s * width_mm * self.flow.height_um
+
+    @property
     def throughput_uL_per_h(self) -> float:
         """Flow through the whole width of the device's array."""
         velocity, width = self.flow.mean_velocity_mm_s, self.device.array_width_mm

@@ -80,6 +80,26 @@ def seen_at(
     return Seen(by, kind, float(np.interp(ks_uN_per_m, ks, values)))
 
 
+def index_range(
+    shape: str, radius_um: float, calibration: pd.DataFrame | None, assay: str | None = None
+) -> tuple[float, float]:
+    """Least and largest deformation index that an assay is calibrated for.
+
+    Raises DldsimError without a calibration, or for an assay that is not in it.
+    """
+    by = assay or DEFAULT_ASSAY
+    known = [] if calibration is None else sorted(set(calibration["design"]))
+    if by not in known:
+        raise DldsimError(
+            f"deformation_index: no calibration by {by} (there is {', '.join(known) or 'none'}).",
+            key="assay",
+            value=by,
+            allowed=", ".join(known) or "ks_uN_per_m instead of a deformation index",
+        )
+    index = calibration.loc[calibration["design"] == by, "deformation_index"].dropna()
+    return float(index.min()), float(index.max())
+
+
 def ks_of_sets(calibration: pd.DataFrame | None) -> dict[str, float]:
     """Spring constant of each stiffness set that a calibration names."""
     if calibration is None:

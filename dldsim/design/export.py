@@ -12,6 +12,7 @@ import numpy as np
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.sections import Geometry
+from dldsim.design.device_outcome import SUMMED_UP, DeviceOutcome, tables_of
 from dldsim.design.layout import Layout, Stream, make_layout
 from dldsim.design.mask import draw_mask, write_dxf, write_gds
 from dldsim.errors import DldsimError
@@ -59,6 +60,7 @@ def export_design(
     card: Mapping[str, Any] | None = None,
     verified: Sequence[Verified] | None = None,
     picture: bool = True,
+    outcome: DeviceOutcome | None = None,
 ) -> dict[str, Path]:
     """Write all files of one design, ``name`` plus the endings in FILES; returns those written.
 
@@ -66,13 +68,16 @@ def export_design(
     surrogate's model card. With ``verified``, the runs of both cell types, the mask shows their
     simulated angles in place of predicted ones, and there are time series, picture and animation;
     without, files of an earlier verification are deleted. ``picture``: of the mask, the slowest
-    part. Files are whole or not there.
+    part. ``outcome``: what comes out of the device; the mask then has its length of array and its
+    walls between outlets. Files are whole or not there.
 
     Raises DldsimError if a run belongs to another array, or if the device is too small.
     """
     geometry = Geometry(**{key: design[key] for key in Geometry.model_fields})
     populations = make_streams(design, request, verified)
-    layout = make_layout(geometry, device, populations, name)
+    device = device if outcome is None else outcome.device
+    walls = None if outcome is None else outcome.walls_um
+    layout = make_layout(geometry, device, populations, name, walls)
     for run in verified or ():
         _check_array(name, layout, run)
     directory = Path(directory)
@@ -89,12 +94,22 @@ def export_design(
         for kind in list(FILES)[list(FILES).index("cell_1") :]:
             paths.pop(kind).unlink(missing_ok=True)
     record = make_record(name, design, request, layout, about, card, verified)
+    record["outcome"] = None if outcome is None else _plain(outcome_rows(outcome))
     record["files"] = {kind: path.name for kind, path in paths.items()}
     with atomic_path(paths["json"]) as part:
         text = json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False)
         part.write_text(text + "\n", encoding="utf-8")
     _write_csv(record, paths["csv"])
     return paths
+
+
+def outcome_rows(outcome: DeviceOutcome) -> dict[str, list[dict]]:
+    """Purity, recovery and outlets of a device for JSON, without what its other parts say."""
+    tables = tables_of([outcome], SUMMED_UP)
+    return {
+        "populations": tables["device_outcomes"].to_dict("records"),
+        "outlets": tables["device_outlets"].to_dict("records"),
+    }
 
 
 def make_streams(

@@ -1,25 +1,35 @@
 """Layout of a design's device: a complete small chip around the array, lengths in µm.
 
-Three streams (buffer, sample, buffer) run side by side through the array into two outlets; each has
-a reservoir. x points along the flow, y across it, the origin is where the array meets the lower
-side wall. The row shift is towards +y, as in the simulation.
+Three streams (buffer, sample, buffer) run side by side through the array into two outlets or more;
+each has a reservoir. x points along the flow, y across it, the origin is where the array meets the
+lower side wall. The row shift is towards +y, as in the simulation.
 
-Fluid is the channel layer without the pillars layer. The simulated array has no side walls. Here a
-pillar is left out where its gap to a side wall would be below `wall_gap_fraction` · P_g, so that
-every pillar is whole, and the gaps at a wall range from there to one pitch more. Within a few
-pitches of a wall the flow, and with it the critical diameter, is not that of the array (Inglis,
-Appl. Phys. Lett. 94, 013510, 2009); `expected` says where a stream comes so near.
+Fluid is the channel layer without the pillars layer. The simulated array has no side walls; those
+of the device follow the pillars so that the flow beside them stays that of the array
+(:mod:`dldsim.design.side_walls`), as far as a gap's width alone can do that. `expected` says where
+a stream comes near them.
 """
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dldsim.config.design_sections import Device
 from dldsim.config.sections import Geometry
+from dldsim.design.outlets import Array
+from dldsim.design.side_walls import (
+    FLOW_EXPONENT,
+    array_outline,
+    lowest_pillar_um,
+    outlet_walls,
+    wall_gaps,
+    wall_range,
+    whole_array,
+)
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 
@@ -63,18 +73,18 @@ class Text(NamedTuple):
 class Layout:
     """Everything a mask shows, in µm.
 
-    ``lanes`` (N_p,): pillars in row 0 … N_p − 1, after which the rows repeat. ``polygons``: by
-    layer; ``paths``: expected ways of the populations (documentation layer).
+    ``lanes``: pillars in every row. ``walls_um``: middles of the walls between outlets.
+    ``polygons``: by layer; ``paths``: expected ways of the populations (documentation layer).
     """
 
     name: str
     geometry: Geometry
     device: Device
     rows: int
-    lanes: tuple[int, ...]
-    lowest_um: float
+    lanes: int
+    width_um: float
     exits: tuple[Exit, ...]
-    split_um: float
+    walls_um: tuple[float, ...]
     polygons: dict[str, list[np.ndarray]] = field(default_factory=dict)
     paths: list[np.ndarray] = field(default_factory=list)
     texts: list[Text] = field(default_factory=list)
@@ -90,30 +100,28 @@ class Layout:
         return self.rows * self.geometry.pitch_um
 
     @property
-    def width_um(self) -> float:
-        return 1e3 * self.device.array_width_mm
-
-    def pillars_in_row(self, row: int) -> int:
-        return self.lanes[row % self.geometry.periodicity]
+    def lowest_um(self) -> float:
+        """Centre of the lowest pillar of the first row."""
+        return lowest_pillar_um(self.geometry)
 
     def expected(self) -> dict[str, Any]:
         """Dimensions, expected exits and what they mean, for JSON."""
         geometry, device = self.geometry, self.device
-        clearances = self._wall_gaps()
+        lower, upper = wall_gaps(geometry)
         return {
             "name": self.name,
             **geometry.model_dump(),
             "pitch_um": geometry.pitch_um,
             "row_shift_um": self.shift_um,
             "rows": self.rows,
-            "pillars": sum(self.pillars_in_row(i) for i in range(self.rows)),
+            "pillars": self.rows * self.lanes,
             "array_length_um": self.length_um,
             "array_width_um": self.width_um,
-            "wall_gap_min_um": min(clearances),
-            "wall_gap_max_um": max(clearances),
+            "wall_gap_min_um": float(lower.min()),
+            "wall_gap_max_um": float(upper.max()),
             "sample_position_um": 1e3 * device.sample_position_mm,
             "sample_width_um": device.sample_width_um,
-            "outlet_split_um": self.split_um,
+            "outlet_walls_um": list(self.walls_um),
             "populations": [
                 {
                     "name": e.population.name,
@@ -133,54 +141,34 @@ class Layout:
             "layers": {name: getattr(device, f"layer_{name}") for name in LAYERS},
         }
 
-    def _wall_gaps(self) -> list[float]:
-        """Gaps between side walls and the next pillar, of every row of a period."""
-        radius, pitch = self.geometry.pillar_radius_um, self.geometry.pitch_um
-        gaps = []
-        for row, lanes in enumerate(self.lanes):
-            low = self.lowest_um + row * self.shift_um
-            gaps += [low - radius, self.width_um - (low + (lanes - 1) * pitch) - radius]
-        return gaps
-
 
 def make_layout(
-    geometry: Geometry, device: Device, populations: Sequence[Stream], name: str
+    geometry: Geometry,
+    device: Device,
+    populations: Sequence[Stream],
+    name: str,
+    walls_um: Sequence[float] | None = None,
 ) -> Layout:
     """Lay out a device for two populations or more; lengths are rounded to the nanometre.
 
-    Raises DldsimError if the array is shorter than one period or narrower than three pillars.
+    ``walls_um``: middles of the walls between outlets; by default those of the device or, of two
+    outlets, midway between the nearest cell edges. Raises DldsimError if the array is shorter than
+    one period or narrower than three pillars, or leaves a stream no room.
     """
     geometry = geometry.model_copy(
         update={key: round(getattr(geometry, key), 3) for key in ("pillar_radius_um", "gap_um")}
     )
-    pitch, radius, period = geometry.pitch_um, geometry.pillar_radius_um, geometry.periodicity
-    rows = math.floor(1e3 * device.array_length_mm / pitch + 1e-9)
-    if rows < period:
-        raise DldsimError(
-            f"device.array_length_mm = {device.array_length_mm:g} holds {rows} rows of "
-            f"{pitch:.4g} µm, fewer than one period of {period}; {period * pitch / 1e3:.3g} mm "
-            "or more are needed."
-        )
-    width = 1e3 * device.array_width_mm
-    lowest = device.wall_gap_fraction * geometry.gap_um + radius
-    lanes = tuple(
-        math.floor((width - 2 * lowest - row * pitch / period) / pitch + 1e-9) + 1
-        for row in range(period)
-    )
-    if min(lanes) < 3:
-        raise DldsimError(
-            f"device.array_width_mm = {device.array_width_mm:g} holds {max(min(lanes), 0)} pillars "
-            f"of pitch {pitch:.4g} µm in a row; 3 are needed. Widen the array."
-        )
-    length = rows * pitch
-    exits = tuple(_exit(geometry, device, length, p) for p in populations)
-    layout = Layout(name, geometry, device, rows, lanes, lowest, exits, _split(exits, device))
+    array, rows, lanes = whole_array(geometry, device)
+    exits = tuple(_exit(array, device, p) for p in populations)
+    walls = outlet_walls(array, device)
+    walls = walls_um or walls or [_between(exits, array, device)]
+    layout = Layout(name, geometry, device, rows, lanes, array.width_um, exits, tuple(walls))
     _draw(layout)
     return layout
 
 
-def _exit(geometry: Geometry, device: Device, length: float, population: Stream) -> Exit:
-    start, width = 1e3 * device.sample_position_mm, 1e3 * device.array_width_mm
+def _exit(array: Array, device: Device, population: Stream) -> Exit:
+    start, width, length = 1e3 * device.sample_position_mm, array.width_um, array.length_um
     wall = population.radius_um, width - population.radius_um
 
     def at(angle_deg: float) -> float:
@@ -193,7 +181,7 @@ def _exit(geometry: Geometry, device: Device, length: float, population: Stream)
     reached = math.inf if slope == 0 else (wall[slope > 0] - start) / slope
     return Exit(
         population,
-        mode_of(angle, geometry.row_shift_fraction),
+        mode_of(angle, 1 / array.periodicity),
         at(angle),
         lowest,
         highest,
@@ -201,15 +189,14 @@ def _exit(geometry: Geometry, device: Device, length: float, population: Stream)
     )
 
 
-def _split(exits: Sequence[Exit], device: Device) -> float:
-    """Lateral position of the wall between the outlets, midway between the nearest cell edges."""
-    width = 1e3 * device.array_width_mm
+def _between(exits: Sequence[Exit], array: Array, device: Device) -> float:
+    """Middle of a single wall between outlets, midway between the nearest cell edges."""
     low, *_, high = sorted(exits, key=lambda e: e.position_um)
     middle = (
         low.position_um + low.population.radius_um + high.position_um - high.population.radius_um
     ) / 2
-    narrowest = device.sample_width_um + device.divider_um / 2
-    return min(max(middle, narrowest), width - narrowest)
+    lowest, highest = wall_range(array, device)
+    return min(max(middle, lowest), highest)
 
 
 def _separation(layout: Layout) -> dict[str, Any]:
@@ -270,6 +257,12 @@ def _notes(layout: Layout) -> list[str]:
         "lateral_separation_um."
     )
     notes.append(
+        f"Gaps beside the side walls follow the pillars, {layout.geometry.gap_um:.4g} µm · "
+        f"(n/N_p)^(1/{FLOW_EXPONENT}) in row n of a period at the lower wall and "
+        f"(2 − n/N_p)^(1/{FLOW_EXPONENT}) at the upper one (after Inglis 2009, Feng et al. 2017, "
+        "Ebadi et al. 2019)."
+    )
+    notes.append(
         "The sample stream has its width if the three inlets are fed in proportion to their widths."
     )
     notes.append(
@@ -288,8 +281,10 @@ def _draw(layout: Layout) -> None:
     lead = min(layout.geometry.pitch_um, -inlet / 2, (outlet - length) / 2)
     low, high = start - half, start + half
     entering = [(0, low - wall), (low, high), (high + wall, width)]
-    leaving = [(0, layout.split_um - wall / 2), (layout.split_um + wall / 2, width)]
-    parts = [_box(-lead, length + lead, 0, width)]
+    edges = [-wall / 2, *layout.walls_um, width + wall / 2]
+    leaving = [(a + wall / 2, b - wall / 2) for a, b in pairwise(edges)]
+    parts = [_box(x, x + lead, 0, width) for x in (-lead, length)]
+    parts.append(array_outline(layout.geometry, layout.rows, layout.lanes))
     ends = (inlet, -lead, entering, -1), (outlet, length + lead, leaving, 1)
     for end, near, streams, way in ends:
         beyond = end + 1.5 * way * port

@@ -2,9 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Sequence
 from datetime import datetime
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,11 +35,13 @@ def write_gds(layout: Layout, path: Path) -> None:
     pillar.add(gdstk.Polygon(outline, layer["pillars"]))
     periods, left = divmod(layout.rows, g.periodicity)
     for cell, rows in ((period, g.periodicity), (rest, left)):
-        for first, count, lanes in _blocks(layout.lanes[:rows]):
-            x, y = (first + 0.5) * g.pitch_um, layout.lowest_um + first * layout.shift_um
-            block = gdstk.Reference(pillar, (x, y))
+        if rows:
+            block = gdstk.Reference(pillar, (g.pitch_um / 2, layout.lowest_um))
             block.repetition = gdstk.Repetition(
-                columns=count, rows=lanes, v1=(g.pitch_um, layout.shift_um), v2=(0, g.pitch_um)
+                columns=rows,
+                rows=layout.lanes,
+                v1=(g.pitch_um, layout.shift_um),
+                v2=(0, g.pitch_um),
             )
             cell.add(block)
     length = g.periodicity * g.pitch_um
@@ -77,16 +77,6 @@ def structure_name(layout: Layout, part: str) -> str:
     return re.sub("[^A-Za-z0-9_]", "_", layout.name)[: NAME_LENGTH - len(end)] + end
 
 
-def _blocks(lanes: Sequence[int]) -> list[tuple[int, int, int]]:
-    """Runs of rows with equally many pillars: (first row, rows, pillars)."""
-    blocks, first = [], 0
-    for count, rows in groupby(lanes):
-        size = len(list(rows))
-        blocks.append((first, size, count))
-        first += size
-    return blocks
-
-
 def write_dxf(layout: Layout, path: Path) -> None:
     """DXF (R2010, units µm): pillars are true circles in a block, one insert with columns and rows
     for each row of a period; one layer a kind."""
@@ -109,7 +99,7 @@ def write_dxf(layout: Layout, path: Path) -> None:
             (x, y),
             dxfattribs={
                 "layer": "PILLARS",
-                "row_count": layout.lanes[row],
+                "row_count": layout.lanes,
                 "row_spacing": g.pitch_um,
                 "column_count": len(range(row, layout.rows, g.periodicity)),
                 "column_spacing": g.periodicity * g.pitch_um,

@@ -16,7 +16,9 @@ from dldsim.config.design_sections import Verification as Budget
 from dldsim.config.provenance import derive_seed
 from dldsim.config.sections import Geometry
 from dldsim.design.candidates import distinct, transition_geometries
+from dldsim.design.cell_source import CellSource
 from dldsim.design.chip import Chip
+from dldsim.design.motion import UNKNOWN, History
 from dldsim.design.populations import Population
 from dldsim.design.search import search
 from dldsim.design.task import Task
@@ -38,6 +40,8 @@ def verify(
     simulate: Callable[..., dict],
     seed: int,
     *,
+    sources: Sequence[CellSource] | None = None,
+    history: Sequence[History] = (UNKNOWN, UNKNOWN),
     fit: Callable[[pd.DataFrame, int], Surrogate] | None = None,
     resistance: Callable[[Geometry], Mapping[str, Any]] | None = None,
     progress: Progress | None = None,
@@ -54,15 +58,16 @@ def verify(
     The best designs in which the cells part are simulated once more on a finer lattice at half the
     numerical Reynolds number: only what parts them there as well counts as separating.
 
-    ``populations``: the request's cell types, ``chip``: at its flow. ``simulate(geometry,
-    population, height_um, finer)`` returns a row of `outcomes`; ``resistance`` one of `flows`. The
-    best verified design is simulated at ± height_tolerance_um too, and learnt from as well.
+    ``populations``: the request's cell types, ``chip``: at its flow, ``sources`` and ``history`` as
+    of `Task`. ``simulate(geometry, population, height_um, finer)`` returns a row of `outcomes`;
+    ``resistance`` one of `flows`. The best verified design is simulated at ± height_tolerance_um
+    too, and learnt from as well.
 
     Raises DldsimError as `search` does.
     """
     from dldsim.analysis import surrogate as model
 
-    fit = fit or model.fit
+    fit, cells = fit or model.fit, (sources, history)
     say = progress or (lambda sentence: None)
     records: list[dict] = []
     pairs: dict[int, dict] = {}
@@ -72,8 +77,10 @@ def verify(
     spent = 0
     candidates = pd.DataFrame()
     for number in range(1, budget.rounds + 1):
-        task = Task(learnt, request, populations, chip, derive_seed(seed, f"round {number}"))
-        candidates = search(learnt, request, populations, chip, task.seed).designs
+        task = Task(
+            learnt, request, populations, chip, derive_seed(seed, f"round {number}"), *cells
+        )
+        candidates = search(learnt, request, populations, chip, task.seed, None, *cells).designs
         best = candidates.head(budget.designs_per_round).to_dict("records")
         tried = [pair["place"] for pair in pairs.values()]
         new = [c for c in best if all(distinct(request, c, t) for t in tried)]
@@ -122,7 +129,7 @@ def verify(
         if agreements and all(agreements):
             stop = Stop.CONFIRMED
             break
-    task = Task(learnt, request, populations, chip, seed)
+    task = Task(learnt, request, populations, chip, seed, *cells)
     records += _finer_runs(task, pairs, populations, simulate, budget.finer_designs, say)
     designs = design_table(task, pairs, resistance, stop, stop.sentence(number, budget))
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
@@ -244,7 +251,9 @@ def _height_runs(
         left -= 2
         changed = flow.model_copy(update={"height_um": flow.height_um + offset})
         populations = [population._replace(flow=changed) for population in task.populations]
-        there = Task(task.surrogate, request, populations, task.chip.at(changed), task.seed)
+        there = Task(
+            task.surrogate, request, populations, task.chip.at(changed), task.seed, task.sources
+        )
         found = simulate_pair(simulate, geometry, populations, changed.height_um)
         outcomes += found
         records += [

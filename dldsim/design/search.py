@@ -20,7 +20,9 @@ from dldsim.errors import DldsimError
 if TYPE_CHECKING:
     import optuna
 from dldsim.design.candidates import make_candidates, slices, tolerances
+from dldsim.design.cell_source import CellSource
 from dldsim.design.chip import Chip
+from dldsim.design.motion import UNKNOWN, History
 from dldsim.design.populations import Population, rows_of
 from dldsim.design.task import DECIMALS, NONE_BETTER, Task, check
 from dldsim.vocabulary import GEOMETRY
@@ -53,15 +55,21 @@ def search(
     chip: Chip,
     seed: int,
     each: Each | None = None,
+    sources: Sequence[CellSource] | None = None,
+    history: Sequence[History] = (UNKNOWN, UNKNOWN),
 ) -> Found:
     """Ranked candidates and all trials of one request; ``populations``: its cell types, ``chip``:
-    at its flow.
+    at its flow, ``sources`` and ``history`` as of `Task`.
 
     Maximised is the request's objective over continuous P_r and P_g (to 10 nm) and whole N_p, by
     multivariate TPE or over a grid. Geometry that violates a constraint is recorded, not evaluated
     and never ranked. Leaving the training geometries (in ratios to either cell radius) counts as a
     violation for the sampler, which so looks inside first; such a trial is still evaluated,
     flagged, and ranked behind those inside. Equal values are ordered by their worst case.
+
+    With the objective purity-recovery the array is as long as device, footprint and pressure allow,
+    and what it parts is asked of the Monte Carlo of :mod:`dldsim.design.outlets`; candidates in
+    which a mode is open are ranked behind the others.
 
     Candidates are distinct: another N_p, or more than `tolerance_um` apart in P_r or P_g. The
     tolerance columns are the least and largest separation with P_r and P_g off by up to
@@ -77,7 +85,7 @@ def search(
     Raises DldsimError for a shape or a capillary number that was not learnt, two equal cell types,
     no feasible geometry, or a pressure limit without a table of flows.
     """
-    task = Task(surrogate, request, populations, chip, seed)
+    task = Task(surrogate, request, populations, chip, seed, sources, history)
     check(task)
     if request.sampler == "grid":
         trials, importance = _try_grid(task)

@@ -7,9 +7,14 @@ from typing import Any
 import numpy as np
 
 from dldsim.analysis.domain import DOMAIN_TOLERANCE, NAMES
+from dldsim.analysis.features import CellInFlow
 from dldsim.analysis.surrogate import LEVEL, Surrogate
 from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.design.cell_source import CellSource, make_sources
 from dldsim.design.chip import Chip
+from dldsim.design.motion import UNKNOWN, History
+from dldsim.design.outlet_task import OBJECTIVE as OUTLETS
+from dldsim.design.outlet_task import OutletTask
 from dldsim.design.populations import Population
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
@@ -26,6 +31,8 @@ COVERAGE = 0.9
 """Of the prediction intervals."""
 NORMAL_HALF_WIDTH = 1.6449
 """Half-width of a normal distribution's interval of that coverage, in standard deviations."""
+OUTLETS_CHECKED = 300
+"""Arrays whose outlets are looked at, of a whole grid."""
 DECIMALS = 2
 """Of the lengths of a candidate, in µm: finer than any mask."""
 TINY = 1e-9
@@ -35,7 +42,11 @@ NONE_BETTER = 1e3
 
 
 class Task:
-    """One request on one surrogate: predictions for both cell types over arrays of geometries."""
+    """One request on one surrogate: predictions for both cell types over arrays of geometries.
+
+    ``sources``: where their cells come from, by default as the request says; ``history``: what
+    outcomes say of their transients. A gap must pass all but one cell in a hundred.
+    """
 
     def __init__(
         self,
@@ -44,10 +55,17 @@ class Task:
         populations: Sequence[Population],
         chip: Chip,
         seed: int,
+        sources: Sequence[CellSource] | None = None,
+        history: Sequence[History] = (UNKNOWN, UNKNOWN),
     ):
         self.surrogate, self.request, self.chip, self.seed = surrogate, request, chip, seed
-        self.populations = populations
+        self.sources = make_sources(request, populations) if sources is None else sources
+        self.populations = [
+            p._replace(width_um=s.width_99_um)
+            for p, s in zip(populations, self.sources, strict=True)
+        ]
         self.cells = [population.cell for population in populations]
+        self.outlets = OutletTask(surrogate, request, self.sources, history, chip, seed)
 
     def angles(self, radius, gap, periodicity) -> tuple[np.ndarray, np.ndarray]:
         """Predicted angles [deg] of both cell types."""
@@ -86,21 +104,22 @@ class Task:
 
     @cached_property
     def draws(self) -> np.ndarray:
-        """Quasi-random numbers (6, draws): offsets of P_r and P_g in tolerances, normal deviates of
-        both logarithms of Ca and of both prediction errors."""
+        """Quasi-random numbers (8, draws): offsets of P_r and P_g in tolerances, levels 0 to 1 of
+        both stiffnesses, normal deviates of both prediction errors, levels of both radii."""
         from scipy.stats import norm, qmc
 
         count = self.request.draws
-        sequence = qmc.Sobol(6, rng=np.random.default_rng(self.seed))
+        sequence = qmc.Sobol(8, rng=np.random.default_rng(self.seed))
         points = sequence.random_base2((count - 1).bit_length())[:count].T
-        return np.vstack([2 * points[:2] - 1, norm.ppf(np.clip(points[2:], 1e-6, 1 - 1e-6))])
+        normal = norm.ppf(np.clip(points[4:6], 1e-6, 1 - 1e-6))
+        return np.vstack([2 * points[:2] - 1, points[2:4], normal, points[6:]])
 
-    def drawn_capillary(self, k: int) -> np.ndarray:
-        """Capillary numbers of a cell type in the draws, (draws,): two halves of normal
-        distributions of ln Ca, as wide as its interval on either side."""
-        normal, (below, above) = self.draws[2 + k], self.populations[k].spread
-        middle = np.log(self.populations[k].capillary_number)
-        return np.exp(np.clip(middle + np.where(normal < 0, below, above) * normal, *self.known(k)))
+    def drawn_cell(self, k: int) -> CellInFlow:
+        """Cells of a type in the draws, (draws,); capillary numbers within what was learnt."""
+        population = self.populations[k]
+        radius, ks = self.sources[k].draw(self.draws[6 + k], self.draws[2 + k])
+        capillary = np.clip(population.capillary(ks), *np.exp(self.known(k)))
+        return population.cell_at(capillary)._replace(radius_um=radius)
 
     def drawn(self, radius, gap, periodicity) -> np.ndarray:
         """Angles (2, n, draws) [deg] of n geometries with the spread of the cells, the fabrication
@@ -108,7 +127,8 @@ class Task:
 
         Capillary numbers drawn beyond the training data are taken at its edge.
         """
-        off_radius, off_gap, *normal = self.draws
+        off_radius, off_gap, *_ = self.draws
+        normal = self.draws[4:6]
         radius, gap, periodicity = (
             np.asarray(v, float)[:, None] for v in (radius, gap, periodicity)
         )
@@ -117,13 +137,17 @@ class Task:
         gap = np.maximum(gap + self.request.tolerance_um * off_gap, 1e-3)
         periodicity = np.broadcast_to(periodicity, radius.shape)
         angles = []
-        for k, population in enumerate(self.populations):
-            drawn = np.broadcast_to(self.drawn_capillary(k), radius.shape)
-            cell = population.cell_at(drawn.ravel())
+        for k in range(len(self.populations)):
+            cell = self.drawn_cell(k)
+            size, capillary = (
+                np.broadcast_to(v, radius.shape).ravel()
+                for v in (cell.radius_um, cell.capillary_number)
+            )
             angle = self.surrogate.predict(
-                radius.ravel(), gap.ravel(), periodicity.ravel(), cell
+                *(v.ravel() for v in (radius, gap, periodicity)),
+                cell._replace(radius_um=size, capillary_number=capillary),
             ).reshape(radius.shape)
-            angles.append(angle + errors[k][:, None] / NORMAL_HALF_WIDTH * normal[2 + k])
+            angles.append(angle + errors[k][:, None] / NORMAL_HALF_WIDTH * normal[k])
         return np.stack(angles)
 
     def robust(self, radius, gap, periodicity) -> tuple[np.ndarray, np.ndarray]:
@@ -140,12 +164,21 @@ class Task:
         return robust, np.where(robust > 0, robust, robust / np.maximum(high - low, TINY))
 
     def values(self, radius, gap, periodicity) -> dict[str, np.ndarray]:
-        """Both angles, their separation [deg], and what is maximised (`value`)."""
+        """Both angles, their separation [deg], and what is maximised (`value`).
+
+        Outlets take time: of many arrays those OUTLETS_CHECKED of the largest separation have a
+        value.
+        """
         first, second = self.angles(radius, gap, periodicity)
         separation = np.abs(second - first)
         value = separation
         if self.request.objective == "robust":
             value = self.robust(radius, gap, periodicity)[1]
+        if self.request.objective == OUTLETS:
+            value = np.full(len(separation), np.nan)
+            best = np.argsort(-separation, kind="stable")[:OUTLETS_CHECKED]
+            place = (np.asarray(v)[best] for v in (radius, gap, periodicity))
+            value[best] = self.outlets.robust(*place)
         return {
             "angle_1_deg": first,
             "angle_2_deg": second,
@@ -168,7 +201,9 @@ class Task:
         """All constraints; above zero is violated. See `violations`."""
         found = violations(self.request, self.populations, self.chip, radius, gap)
         most = self.request.pressure_max_kPa
-        if most is not None:
+        if self.request.objective == OUTLETS:
+            found |= self.outlets.limits(radius, gap, periodicity)
+        elif most is not None:
             length = self.length_mm(*self.angles(radius, gap, periodicity))
             excess = self.pressure_kPa(radius, gap, periodicity, length) / most - 1
             found["pressure drop must stay below its limit"] = np.minimum(excess, NONE_BETTER)
@@ -275,23 +310,31 @@ def check_cell(name: str, population: Population, surrogate: Surrogate) -> None:
         )
 
 
+def check_cells(
+    name: str, request: DesignRequest, populations: Sequence[Population], surrogate: Surrogate
+) -> None:
+    """Refuse cell types that were not learnt, and equal ones. Raises DldsimError."""
+    for population in populations:
+        check_cell(name, population, surrogate)
+    first, second = populations
+    if first.cell == second.cell:
+        raise DldsimError(
+            f"{name}: both cell types are {NAMES[first.shape]} with k_s "
+            f"{first.stiffness.ks_uN_per_m:.4g} µN/m and radius {first.radius_um:g} µm; no array "
+            "separates equals.",
+            key=[key for key in CELL_TYPES if getattr(request, key) not in (None, False)],
+            value=first.stiffness.ks_uN_per_m,
+            allowed="different cell types",
+            remedy="Change one of them.",
+        )
+
+
 def check(task: Task) -> None:
     """Refuse what cannot be answered. Raises DldsimError that names key and allowed range."""
     request, chip = task.request, task.chip
     name = f"design request {request.name}"
-    for population in task.populations:
-        check_cell(name, population, task.surrogate)
-    if task.cells[0] == task.cells[1]:
-        cell = task.populations[0]
-        raise DldsimError(
-            f"{name}: both cell types are {NAMES[cell.shape]} with k_s "
-            f"{cell.stiffness.ks_uN_per_m:.4g} µN/m and radius {cell.radius_um:g} µm; no array "
-            "separates equals.",
-            key=[key for key in CELL_TYPES if getattr(request, key) not in (None, False)],
-            value=cell.stiffness.ks_uN_per_m,
-            allowed="different cell types",
-            remedy="Change one of them.",
-        )
+    check_cells(name, request, task.populations, task.surrogate)
+    task.outlets.check()
     # the widest gap beside the thinnest pillar that is not too slender meets every constraint if
     # anything does
     slender = chip.flow.height_um / (2 * request.pillar_aspect_ratio_max)

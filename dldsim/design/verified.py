@@ -15,7 +15,9 @@ from dldsim.config.design_sections import Verification as Budget
 from dldsim.config.sections import Geometry
 from dldsim.design.candidates import over_tolerance, ranks_of
 from dldsim.design.chip import Chip
+from dldsim.design.device_outcome import DeviceOutcome
 from dldsim.design.export import export_design
+from dldsim.design.outlet_task import OutletTask
 from dldsim.design.simulator import Simulator
 from dldsim.design.task import Task
 from dldsim.design.verdict import design_verdict, difference_of, separated, towards
@@ -51,6 +53,8 @@ class Verdicts(NamedTuple):
     outcomes: pd.DataFrame
     candidates: pd.DataFrame
     rows: dict[str, dict]
+    devices: list[DeviceOutcome] = []
+    """What comes out of the best designs, by their simulated motion."""
 
 
 def design_table(
@@ -178,10 +182,7 @@ def export(
             continue
         of_design = table[(table["array"] == design["array"]) & (table["role"] == "design")]
         predicted = of_design.set_index("population")["predicted_deg"]
-        passages = [
-            simulator.passage(verdicts.rows[name])
-            for name in of_design["outcome_id"][of_design["population"] != "difference"]
-        ]
+        passages = [simulator.passage(row) for row in rows_of(verdicts, design["array"])]
         values = {key: value for key, value in design.items() if key not in ("name", "array")} | {
             "angle_1_deg": predicted["1"],
             "angle_2_deg": predicted["2"],
@@ -197,8 +198,32 @@ def export(
             about=about,
             card=card,
             verified=passages,
+            outcome=next((d for d in verdicts.devices if d.name == design["name"]), None),
         )
     return written
+
+
+def rows_of(verdicts: Verdicts, array: int) -> list[dict]:
+    """Rows of `outcomes` of both cell types in an array simulated as a design."""
+    table = verdicts.verifications
+    own = table[(table["array"] == array) & (table["role"] == "design")]
+    return [verdicts.rows[name] for name in own["outcome_id"][own["population"] != "difference"]]
+
+
+def devices_of(verdicts: Verdicts, task: OutletTask, count: int) -> list[DeviceOutcome]:
+    """What comes out of the best verified designs that have both angles.
+
+    Raises DldsimError if the device is too small for array or cells.
+    """
+    done = verdicts.designs.head(count).dropna(subset="separation_deg")
+    return [
+        task.outcome(
+            design["name"],
+            Geometry(**{name: design[name] for name in GEOMETRY}),
+            rows_of(verdicts, design["array"]),
+        )
+        for design in done.to_dict("records")
+    ]
 
 
 def plain(table: pd.DataFrame) -> list[dict]:

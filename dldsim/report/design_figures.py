@@ -129,7 +129,7 @@ def draw_history(trials: pd.DataFrame) -> Figure:
             panel.plot(
                 bottom, np.full(len(bottom), low), "x", color=GREY, markersize=4, clip_on=False
             )
-        panel.set(title=request, xlabel="trial", ylabel="objective [°]", ylim=(low, None))
+        panel.set(title=request, xlabel="trial", ylabel="objective", ylim=(low, None))
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         panel.yaxis.set_major_formatter("{x:.3g}")
     legend(
@@ -164,7 +164,7 @@ def draw_parallel(trials: pd.DataFrame) -> Figure:
     """Feasible trials as lines over the parameters and the objective, coloured by the latter."""
     requests = list(dict.fromkeys(trials["request"]))
     figure, panels = multiples(len(requests), 3, 9.2, 2.9)
-    labels = [label.replace(" [", "\n[") for label in (*PARAMETERS.values(), "objective [°]")]
+    labels = [label.replace(" [", "\n[") for label in (*PARAMETERS.values(), "objective")]
     for panel, request in zip(panels, requests, strict=True):
         lines, ends = parallel_lines(trials[trials["request"] == request])
         colours = matplotlib.colormaps["cividis"](lines["value"].to_numpy(float))

@@ -5,9 +5,11 @@ from pathlib import Path
 
 from dldsim.report.formats import text
 from dldsim.report.page import Page, Section, render_sections, write_page
-from dldsim.report.sections import designs, search
+from dldsim.report.sections import designs, outlets, search
 from dldsim.tables.parquet import describe, read_table
 
+OUTLETS = outlets.NEEDED
+OPTIONAL = ("verifications", "verified_designs", *OUTLETS)
 KINDS = (
     "design_populations",
     "designs",
@@ -17,6 +19,7 @@ KINDS = (
     "design_slices",
     "verifications",
     "verified_designs",
+    *OUTLETS,
 )
 
 
@@ -29,7 +32,7 @@ def write_report(directory: Path, output: Path) -> None:
     tables = {
         kind: read_table(kind, path)
         for kind in KINDS
-        if (path := directory / f"{kind}.parquet").exists() or not kind.startswith("veri")
+        if (path := directory / f"{kind}.parquet").exists() or kind not in OPTIONAL
     }
     page = Page(directory, Path(output), {}, tables, linked=False)
     shown, failed = render_sections(page, SECTIONS)
@@ -81,6 +84,7 @@ def _origin(page: Page) -> dict:
 
 SECTIONS = (
     Section("answer", "Best design", ("designs",), designs.answer),
+    Section("outlets", "At the outlets", OUTLETS, outlets.contents),
     Section("candidates", "Candidates", ("designs",), designs.candidates),
     Section("verified", "Simulated designs", (), designs.verified),
     Section("search", "Course of the search", ("design_trials",), search.contents),

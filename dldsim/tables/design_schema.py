@@ -45,9 +45,11 @@ TABLES = {
         count("design", "number of the candidate within its request, best first"),
         count("rank", "1 is the best; equal: apart by less than the numerical uncertainty"),
         *GEOMETRY,
-        text("objective", "what was maximised: separation, or robust"),
+        text("objective", "what was maximised: separation, robust, or purity-recovery"),
         real(
-            "value", "°; 1 below zero", "its value; robust, below zero: share of the draws' range"
+            "value",
+            "°; 1 below zero",
+            "its value; robust, below zero: share of the draws' range; purity-recovery: a share",
         ),
         real("separation_deg", "°", "difference of the two predicted angles"),
         real("angle_1_deg", "°", "predicted angle of the first cell type"),
@@ -76,6 +78,7 @@ TABLES = {
         text("verdict", "resolved, not robust or not resolved, and why"),
         Column("notes", pa.list_(TEXT), "", "what else to know about the candidate"),
         flag("inside_training_domain", "whether the surrogate interpolates"),
+        flag("mode_open", "a prediction interval spans half of the bump displacement or more"),
     ),
     "design_trials": table(
         "design_trials.parquet",

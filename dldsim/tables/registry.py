@@ -8,6 +8,7 @@ from dldsim.tables import (
     calibration_schema,
     design_schema,
     evidence_schema,
+    outlet_schema,
     simulation_schema,
     survey_schema,
 )
@@ -18,6 +19,7 @@ TABLES: dict[str, Table] = {
     **calibration_schema.TABLES,
     **analysis_schema.TABLES,
     **design_schema.TABLES,
+    **outlet_schema.TABLES,
     **evidence_schema.TABLES,
     **survey_schema.TABLES,
 }

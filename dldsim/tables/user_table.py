@@ -32,6 +32,7 @@ PLAUSIBLE = {
     "gap_um": (0.1, 1000),
     "periodicity": (2, 100),
     "cell_radius_um": (0.1, 100),
+    "radius_um": (0.1, 100),
     "deformation_index": (0, 1),
     "capillary_number": (0, 1e6),
     "migration_angle_deg": (-90, 90),

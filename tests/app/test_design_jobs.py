@@ -115,7 +115,7 @@ def test_verified_designs_are_printed_and_written(capsys, campaign, tmp_path, mo
     """With what a simulation would say, from a formula."""
     asked = {}
 
-    def verify_request(request, settings, chip, model, tables, *, work, files, progress):
+    def verify_request(request, settings, chip, model, tables, *, work, files, progress, measured):
         asked.update(work=work, sets=settings["stiffness_sets"])
         files.mkdir(parents=True, exist_ok=True)
         return check_designs(Known(summit), Nature(summit), rounds=1, designs_per_round=1)
@@ -293,7 +293,13 @@ def test_a_failed_request_takes_no_other_with_it(campaign, tmp_path, bad, reason
     kinds = (*design_answers.SEARCH, "design_requests")
     tables = {kind: tmp_path / f"{kind}.parquet" for kind in kinds}
     said = []
-    design_jobs.design_job(settings, tables=tables, progress=said.append, **inputs_of(campaign))
+    design_jobs.design_job(
+        settings,
+        tables=tables,
+        outcomes=campaign / "outcomes.parquet",
+        progress=said.append,
+        **inputs_of(campaign),
+    )
     bad_row, good_row = read_rows("design_requests", tables["design_requests"])
     assert bad_row["status"] == "failed" and reason in bad_row["reason"] and reason in said[0]
     assert good_row == {"request": "good", "status": "answered", "reason": ""}
@@ -310,7 +316,13 @@ def test_a_campaign_of_failed_requests_only_has_empty_tables(campaign, tmp_path)
     settings = job_settings(campaign, {**GOOD, "stiffness_set_1": "dead"})
     kinds = (*design_answers.SEARCH, "design_requests")
     tables = {kind: tmp_path / f"{kind}.parquet" for kind in kinds}
-    design_jobs.design_job(settings, tables=tables, progress=print, **inputs_of(campaign))
+    design_jobs.design_job(
+        settings,
+        tables=tables,
+        outcomes=campaign / "outcomes.parquet",
+        progress=print,
+        **inputs_of(campaign),
+    )
     assert not any(read_rows(kind, tables[kind]) for kind in design_answers.SEARCH)
     out = {
         name: tmp_path / f"{name}.parquet"

@@ -14,6 +14,7 @@ from dldsim.config.design_sections import Device
 from dldsim.config.sections import Geometry
 from dldsim.design.layout import Stream, make_layout
 from dldsim.design.mask import draw_mask, write_dxf, write_gds
+from dldsim.design.side_walls import wall_levels, whole_array
 from dldsim.errors import DldsimError
 
 NM = 1e-3
@@ -127,18 +128,36 @@ def test_pillars_are_apart_and_inside_the_channel(made):
 
 
 def test_gaps_at_the_side_walls(made):
+    """From every pillar beside a wall straight across to it, in the file as it is."""
     (radius, gap, periodicity), top, _ = made
     centres = gds_centres(top)
-    least, most = SMALL.wall_gap_fraction * gap, SMALL.wall_gap_fraction * gap + 2 * radius + gap
+    [channel] = on_layer(top, "channel")
     expected = layout_of(radius, gap, periodicity).expected()
     found = []
-    for x in np.unique(np.round(centres[:, 0], 2)):
-        y = centres[np.abs(centres[:, 0] - x) < 0.1, 1]
-        found += [y.min() - radius, 800 - y.max() - radius]
-    assert least - 2 * NM <= min(found) and max(found) <= most + 2 * NM
-    assert expected["wall_gap_min_um"] == pytest.approx(min(found), abs=3 * NM)
-    assert expected["wall_gap_max_um"] == pytest.approx(max(found), abs=3 * NM)
+    for number, x in enumerate(np.unique(np.round(centres[:, 0], 2))):
+        y = np.sort(centres[np.abs(centres[:, 0] - x) < 0.1, 1])
+        part = (number % periodicity + 1) / periodicity
+        wanted = [gap * p ** (1 / 2.463) for p in (part, 2 - part)]
+        for place, way, size in ((y[0] - radius, -1, wanted[0]), (y[-1] + radius, 1, wanted[1])):
+            points = [(x, place + way * (size + d)) for d in (-5 * NM, 5 * NM)]
+            assert gdstk.inside(points, gdstk.Polygon(channel)) == (True, False)
+        found += wanted
+    assert expected["wall_gap_min_um"] == pytest.approx(min(found))
+    assert expected["wall_gap_max_um"] == pytest.approx(max(found))
     assert expected["pillars"] == len(centres)
+
+
+def test_side_walls_are_straight_where_a_period_ends():
+    """In row N_p a gap P_g is left at the lower wall, and at the upper one; elsewhere both walls
+    are lower, so that the array never leaves the room of the channel upwards."""
+    geometry = Geometry(pillar_radius_um=7, gap_um=16, periodicity=10)
+    low, high = wall_levels(geometry, lanes=20)
+    width = 20 * 30 + 16
+    assert low[-1] == pytest.approx(0, abs=1e-12) and high[-1] == pytest.approx(width)
+    assert (low[:-1] < 0).all() and (high[:-1] < width).all()
+    assert low.min() > -2 * 7 - 16
+    array, rows, lanes = whole_array(geometry, Device(array_length_mm=1.0, array_width_mm=0.64))
+    assert (rows, lanes, array.length_um, array.width_um) == (33, 20, 990, width)
 
 
 def test_one_pillar_cell_is_repeated(made, tmp_path):
@@ -158,10 +177,31 @@ def test_three_streams_enter_and_two_leave(made):
     # from wall to wall across the inlet: fluid, wall, sample, wall, fluid
     across = [(inlet, y) for y in (100, 400 - 45, 400, 400 + 45, 700)]
     assert gdstk.inside(across, gdstk.Polygon(channel)) == (True, False, True, False, True)
-    split = layout.split_um
-    across = [(outlet, y) for y in (split - 30, split, split + 30)]
+    [wall] = layout.walls_um
+    across = [(outlet, y) for y in (wall - 30, wall, wall + 30)]
     assert gdstk.inside(across, gdstk.Polygon(channel)) == (True, False, True)
-    assert not any(gdstk.inside([(700, -1), (700, 801)], gdstk.Polygon(channel)))
+    assert not any(gdstk.inside([(-100, -1), (-100, 801)], gdstk.Polygon(channel)))
+
+
+@pytest.mark.parametrize(
+    ("device", "walls", "given"),
+    [
+        ({"outlet_walls_um": [300.0, 500.0]}, (300, 500), None),
+        ({"outlets": 4}, (199, 398, 597), None),
+        ({}, (333,), (333.0,)),
+    ],
+)
+def test_outlets_are_where_they_are_asked_for(tmp_path, device, walls, given):
+    geometry = Geometry(pillar_radius_um=7, gap_um=16, periodicity=10)
+    device = Device(**dict(array_length_mm=1.5, array_width_mm=0.8, **device))
+    cells = [Stream(f"cell {i}", 7.5, a) for i, a in ((1, 0.4), (2, 4.0))]
+    layout = make_layout(geometry, device, cells, "d", given)
+    assert layout.walls_um == pytest.approx(walls)
+    write_gds(layout, tmp_path / "d.gds")
+    [top] = gdstk.read_gds(tmp_path / "d.gds").top_level()
+    [channel] = on_layer(top, "channel")
+    across = [(layout.length_um + 500, y + d) for y in walls for d in (-16, 0, 16)]
+    assert gdstk.inside(across, gdstk.Polygon(channel)) == (True, False, True) * len(walls)
 
 
 def test_label_names_the_design(made):
@@ -198,7 +238,7 @@ def test_expected_exits_follow_from_the_angles():
     apart = second["exit_um"] - first["exit_um"]
     assert expected["separation_at_exit_um"] == pytest.approx(apart)
     assert expected["free_distance_between_streams_um"] == pytest.approx(apart - 60 - 15)
-    assert first["exit_um"] < expected["outlet_split_um"] < second["exit_um"]
+    assert first["exit_um"] < expected["outlet_walls_um"][0] < second["exit_um"]
     # drawn where they are listed
     ends = [path[-1] for path in layout.paths]
     np.testing.assert_allclose(ends, [(length, p["exit_um"]) for p in expected["populations"]])
@@ -224,7 +264,7 @@ def test_notes_say_what_a_user_must_know():
     assert "overlap by" in notes((3.0, 3.5))
     same = notes((3.0, 3.0))
     assert "no outlet" in same and "An array of" not in same
-    assert "reaches a side wall after 4.17 mm" in notes((0, 7), array_width_mm=0.92)
+    assert "reaches a side wall after 3.99 mm" in notes((0, 7), array_width_mm=0.92)
     assert "within 3 pitches of a side wall" in notes((0, 7), sample_position_mm=0.07)
 
 
@@ -298,6 +338,12 @@ def test_picture_shows_the_file(tmp_path):
             },
             "array_width_mm = 0.08 holds 2 pillars",
         ),
+        ({"outlet_walls_um": [1980.0]}, r"\[1980.0\]: an outlet has no room.*1990 µm wide"),
+        ({"outlets": 20, "array_width_mm": 0.5}, "outlets = 20: an outlet has no room"),
+        (
+            {"array_width_mm": 0.507, "sample_position_mm": 0.41, "sample_width_um": 100},
+            "sample_position_mm = 0.41: .* up to 490 µm, but .* 482 µm wide",
+        ),
     ],
 )
 def test_a_device_too_small_is_refused(device, message):
@@ -310,6 +356,9 @@ def test_a_device_too_small_is_refused(device, message):
     [
         ({"sample_position_mm": 0.05}, "sample_position_mm between 0.06 and 1.94"),
         ({"layer_label": 1}, "another number"),
+        ({"outlet_walls_um": [900.0, 500.0]}, "outlet_walls_um rising"),
+        ({"outlet_walls_um": [2000.0]}, "every outlet has a width"),
+        ({"outlet_walls_um": [500.0, 900.0], "outlets": 2}, "outlets = 3 with 2"),
     ],
 )
 def test_a_device_that_contradicts_itself_is_refused(device, message):

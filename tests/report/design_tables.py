@@ -42,6 +42,7 @@ def make_design_tables(request: str, folder=None) -> dict[str, pd.DataFrame]:
                 "verdict": "resolved" if i < 3 else "not resolved: separation below uncertainty",
                 "notes": ["extrapolated: outside the training geometries"] * (i == 1),
                 "inside_training_domain": i != 1,
+                "mode_open": i == 2,
             }
             for i in range(4)
         ]

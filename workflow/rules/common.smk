@@ -291,6 +291,10 @@ def design_settings(requests, *sections):
     }
 
 
+def search_settings(wildcards):
+    return {**learning_settings(wildcards), **design_settings(CONFIG.design_requests)}
+
+
 def verification_settings(wildcards):
     requests = [r for r in CONFIG.design_requests if r.name == wildcards.request]
     sections = ("cell", "numerics", "run_control", "verification")

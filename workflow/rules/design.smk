@@ -33,6 +33,7 @@ DESIGN_INPUTS = {
 rule designs:
     input:
         **DESIGN_INPUTS,
+        outcomes=rules.outcomes.output.table,
     output:
         populations=f"{RESULTS}/design_populations.parquet",
         populations_csv=f"{RESULTS}/design_populations.csv",
@@ -49,7 +50,7 @@ rule designs:
         requests=f"{RESULTS}/design_requests.parquet",
         requests_csv=f"{RESULTS}/design_requests.csv",
     params:
-        settings=design_settings(CONFIG.design_requests),
+        settings=search_settings,
     log:
         f"{RESULTS}/logs/designs.log",
     benchmark:

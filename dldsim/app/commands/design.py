@@ -5,8 +5,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from dldsim.app.commands.options import add_command, add_config, add_option, number, option_of, seed
+from dldsim.app.commands.outcome import outcome_lines
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
-from dldsim.app.commands.settings import configuration, given_by, safety_distance_um
+from dldsim.app.commands.populations import add_populations, request_of
+from dldsim.app.commands.settings import configuration, safety_distance_um
 from dldsim.config.configuration import Sweep
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.config.explain import check_value, validate
@@ -16,9 +18,11 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Geometries that separate two cell types best."""
     from dldsim.app import design_answers
     from dldsim.design import finished_campaign
+    from dldsim.design.device_outcome import SUMMED_UP, tables_of
     from dldsim.design.populations import doubt
 
-    request = validate(DesignRequest, given_by(DesignRequest, args) | {"name": args.request_name})
+    values, measured = request_of(args)
+    request = validate(DesignRequest, values | {"name": args.request_name})
     config = configuration(args.config)
     output = args.output
     if args.verify:
@@ -37,7 +41,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     )
     finished_campaign.check_settings(config, known, request, args.verify)
     budget = Verification() if config is None else config.verification
-    made = design_answers.make_designs(request, known, args.seed, budget)
+    made = design_answers.make_designs(request, known, args.seed, budget, measured=measured)
     found, verdicts, files = made.found, None, []
     if args.verify:
         with Display() as progress:
@@ -50,6 +54,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
                 work=output / "outcomes",
                 files=output / "files",
                 progress=progress,
+                measured=measured,
             )
         files += sorted(map(str, (output / "files").iterdir()))
     if output is not None:
@@ -64,6 +69,8 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         "designs": records(found.designs),
         "tolerances": records(found.tolerances),
         "importance": records(found.importance),
+        "outcomes": records(tables_of(made.devices, SUMMED_UP)["device_outcomes"]),
+        "outcome_notes": made.notes,
         "trials": len(found.trials),
         "seed": args.seed,
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry")},
@@ -130,6 +137,8 @@ def _design_lines(summary: Mapping) -> list[str]:
         f"{summary['device']['array_length_mm']:g} mm, in whole rows",
         f"pressure drop over that length: {designs[0]['pressure_basis']}; throughput "
         f"{designs[0]['throughput_uL_per_h']:.3g} µL/h",
+        "",
+        *outcome_lines(summary["outcomes"], summary["outcome_notes"]),
         "",
         "Best candidate, one thing off:",
     ]
@@ -218,47 +227,7 @@ def add_design(commands) -> None:
         "geometries that separate two cell types best",
         "design --shape1 sphere --ks1 10 --r1 5 --shape2 sphere --ks2 10 --r2 7.5 --velocity 1",
     )
-    for i in "12":
-        add_option(parser, DesignRequest, f"shape_{i}", f"--shape{i}")
-        cell = parser.add_mutually_exclusive_group(required=True)
-        cell.add_argument(
-            f"--di{i}",
-            type=number,
-            dest=f"deformation_index_{i}",
-            metavar="DI",
-            help=f"deformation index of cell type {i} by the assay, 0 to 1",
-        )
-        cell.add_argument(
-            f"--set{i}",
-            dest=f"stiffness_set_{i}",
-            metavar="NAME",
-            help=f"stiffness set of cell type {i}, instead",
-        )
-        cell.add_argument(
-            f"--ks{i}",
-            type=number,
-            dest=f"ks_{i}_uN_per_m",
-            metavar="µN/m",
-            help=f"spring constant k_s of cell type {i}, instead",
-        )
-        cell.add_argument(
-            f"--rigid{i}",
-            action="store_const",
-            const=True,
-            dest=f"rigid_{i}",
-            help=f"cell type {i} is a bead, instead; with --shape{i} sphere",
-        )
-        parser.add_argument(
-            f"--di{i}-std",
-            type=number,
-            dest=f"deformation_index_std_{i}",
-            metavar="X",
-            help=f"spread of the deformation index among cells of type {i}; default 0",
-        )
-        add_option(parser, DesignRequest, f"radius_{i}_um", f"--r{i}")
-    add_option(parser, DesignRequest, "assay")
-    add_option(parser, DesignRequest, "velocity_mm_s", "--velocity")
-    add_option(parser, DesignRequest, "height_um", "--height")
+    add_populations(parser)
     for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", int)):
         low, high = DesignRequest.model_fields[key].default
         parser.add_argument(
@@ -275,19 +244,23 @@ def add_design(commands) -> None:
         "startup_trials",
         "grid_steps",
         "draws",
+        "cells",
         "candidates",
         "tolerance_um",
         "height_tolerance_um",
         "pillar_aspect_ratio_max",
         "lateral_separation_um",
+        "footprint_max_mm2",
     ):
         add_option(parser, DesignRequest, key)
+    add_option(parser, DesignRequest, "sample_min_uL_per_h", "--sample-min-ul-per-h")
     parser.add_argument(
         "--pressure-max-kpa",
         type=number,
         dest="pressure_max_kPa",
         metavar="kPa",
-        help="largest pressure drop over the length which that takes; default: no limit",
+        help="largest pressure drop over the length which that takes, or that the array may be "
+        "long by; default: no limit",
     )
     parser.add_argument(
         "--safety-distance-um",

@@ -32,7 +32,13 @@ LARGEST = {
     "trials": 1000,
     "grid_steps": 33,
     "draws": 512,
+    "cells": 1024,
     "candidates": 10,
+    "radius_std_1_um": 25.0,
+    "radius_std_2_um": 25.0,
+    "concentration_ratio": 1e6,
+    "footprint_max_mm2": 1e4,
+    "sample_min_uL_per_h": 1e6,
 }
 """Largest values that the service takes, beside the ranges of the configuration: they bound what a
 request can cost. The number of trials may be limited further by the settings of the service."""
@@ -44,6 +50,9 @@ SMALLEST = {
     "pillar_aspect_ratio_max": 0.01,
     "lateral_separation_um": 0.1,
     "pressure_max_kPa": 1e-9,
+    "concentration_ratio": 1e-6,
+    "footprint_max_mm2": 1e-6,
+    "sample_min_uL_per_h": 1e-9,
 }
 """Smallest values: positive ones below make numbers that overflow."""
 SETS_LENGTH = 64

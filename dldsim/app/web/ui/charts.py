@@ -89,6 +89,8 @@ def value_title(objective: str) -> str:
     """What a value of the objective is, with its unit."""
     if objective == "robust":
         return "robust separation [°]"
+    if objective == "purity-recovery":
+        return "smallest purity or recovery"
     return "separation |Δθ| [°]"
 
 

@@ -17,7 +17,11 @@ BOUNDS = {
     "gap_um": "Gap P_g",
     "periodicity": "Periodicity N_p",
 }
-OBJECTIVES = {"robust": "robust separation", "separation": "nominal separation"}
+OBJECTIVES = {
+    "robust": "robust separation",
+    "separation": "nominal separation",
+    "purity-recovery": "purity and recovery",
+}
 SAMPLERS = {"tpe": "TPE, trial by trial", "grid": "every point of a grid"}
 POLL_S = 0.7
 VERDICT_POLL_S = 5.0

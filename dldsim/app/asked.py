@@ -1,0 +1,75 @@
+"""A request with everything that is known of its cells: types, scatter, transients."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.design.cell_source import CellSource, make_sources
+from dldsim.design.measured_cells import Measured
+from dldsim.design.motion import History, history_of
+from dldsim.design.populations import Population
+
+Both = tuple[Measured | None, Measured | None]
+"""Measured cells of both types, where there are any."""
+
+
+class Asked(NamedTuple):
+    """A request, its cell types, where their cells come from, and what outcomes say of them."""
+
+    request: DesignRequest
+    populations: Sequence[Population]
+    sources: tuple[CellSource, CellSource]
+    history: tuple[History, History]
+
+    @property
+    def notes(self) -> list[str]:
+        """What an answer must say of measured cells and transients."""
+        said = [note for source in self.sources for note in source.notes]
+        return list(dict.fromkeys([*said, *(n for h in self.history for n in h.notes)]))
+
+
+def ask(
+    request: DesignRequest,
+    populations: Sequence[Population],
+    tables: Mapping[str, pd.DataFrame],
+    measured: Both = (None, None),
+) -> Asked:
+    """``tables``: `outcomes`, and `calibration` and `survey` if there are any; ``measured``: cells
+    whose mean and scatter the request has (`with_measured`).
+
+    Raises DldsimError as `make_sources` does.
+    """
+    sources = make_sources(request, populations, tables.get("calibration"), measured)
+    parts = [tables[kind] for kind in ("outcomes", "survey") if tables.get(kind) is not None]
+    outcomes = parts[0] if len(parts) == 1 else pd.concat(parts, ignore_index=True)
+    first, second = (history_of(outcomes, population.shape) for population in populations)
+    return Asked(request, populations, sources, (first, second))
+
+
+def with_measured(request: Mapping[str, Any], measured: Both) -> dict[str, Any]:
+    """Fields of a request with mean and scatter of measured cells in place of what it says of them.
+
+    A spring constant becomes the geometric mean.
+    """
+    values = dict(request)
+    for i, cells in enumerate(measured, start=1):
+        if cells is None:
+            continue
+        values |= {
+            f"radius_{i}_um": float(cells.radius_um.mean()),
+            f"radius_std_{i}_um": float(cells.radius_um.std(ddof=1)),
+        }
+        values.pop(f"radius_cv_{i}", None)
+        if cells.deformation_index is None and cells.ks_uN_per_m is None:
+            continue
+        for key in (*DEFORMABILITIES, "deformation_index_std_{}", "ks_cv_{}"):
+            values.pop(key.format(i), None)
+        if cells.deformation_index is not None:
+            values[f"deformation_index_{i}"] = float(cells.deformation_index.mean())
+            values[f"deformation_index_std_{i}"] = float(cells.deformation_index.std(ddof=1))
+        else:
+            values[f"ks_{i}_uN_per_m"] = float(np.exp(np.log(cells.ks_uN_per_m).mean()))
+    return values

@@ -1,0 +1,96 @@
+"""Options that name two cell types and their scatter, and the request that they make."""
+
+import argparse
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from dldsim.app.commands.options import add_option, number
+from dldsim.app.commands.settings import given_by
+from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+
+ONE_OF = (
+    DEFORMABILITIES,
+    ("radius_std_{}_um", "radius_cv_{}"),
+    ("deformation_index_std_{}", "ks_cv_{}"),
+)
+"""Fields of a cell type of which one excludes the others."""
+
+
+def add_populations(parser: argparse.ArgumentParser) -> None:
+    """Options of both cell types: shape, deformability, radius, scatter, measured cells."""
+    for i in "12":
+        add_option(parser, DesignRequest, f"shape_{i}", f"--shape{i}")
+        cell = parser.add_mutually_exclusive_group()
+        cell.add_argument(
+            f"--di{i}",
+            type=number,
+            dest=f"deformation_index_{i}",
+            metavar="DI",
+            help=f"deformation index of cell type {i} by the assay, 0 to 1",
+        )
+        cell.add_argument(
+            f"--set{i}",
+            dest=f"stiffness_set_{i}",
+            metavar="NAME",
+            help=f"stiffness set of cell type {i}, instead",
+        )
+        cell.add_argument(
+            f"--ks{i}",
+            type=number,
+            dest=f"ks_{i}_uN_per_m",
+            metavar="µN/m",
+            help=f"spring constant k_s of cell type {i}, instead",
+        )
+        cell.add_argument(
+            f"--rigid{i}",
+            action="store_const",
+            const=True,
+            dest=f"rigid_{i}",
+            help=f"cell type {i} is a bead, instead; with --shape{i} sphere",
+        )
+        parser.add_argument(
+            f"--di{i}-std",
+            type=number,
+            dest=f"deformation_index_std_{i}",
+            metavar="X",
+            help=f"spread of the deformation index among cells of type {i}; default 0",
+        )
+        add_option(parser, DesignRequest, f"radius_{i}_um", f"--r{i}")
+        add_option(parser, DesignRequest, f"radius_std_{i}_um", f"--r{i}-std")
+        add_option(parser, DesignRequest, f"radius_cv_{i}", f"--r{i}-cv")
+        add_option(parser, DesignRequest, f"ks_cv_{i}", f"--ks{i}-cv")
+        parser.add_argument(
+            f"--population{i}",
+            type=Path,
+            metavar="CSV",
+            help=f"measured cells of type {i}: columns radius_um and, where it was measured, "
+            "deformation_index or ks_uN_per_m; instead of radius, index and their spread",
+        )
+    add_option(parser, DesignRequest, "radius_distribution")
+    add_option(parser, DesignRequest, "concentration_ratio")
+    add_option(parser, DesignRequest, "assay")
+    add_option(parser, DesignRequest, "velocity_mm_s", "--velocity")
+    add_option(parser, DesignRequest, "height_um", "--height")
+
+
+def request_of(
+    args: argparse.Namespace, base: Mapping[str, Any] | None = None, without: Collection[str] = ()
+) -> tuple[dict[str, Any], tuple]:
+    """Fields of a request, and measured cells of both types: the command line over ``base``, then
+    mean and scatter of the measured cells over both. ``without``: options that mean something
+    else."""
+    from dldsim.app.asked import with_measured
+    from dldsim.design.measured_cells import read_measured
+
+    given = given_by(DesignRequest, args)
+    given = {key: value for key, value in given.items() if key not in without}
+    values = dict(base or {})
+    for i in "12":
+        for group in ONE_OF:
+            keys = [key.format(i) for key in group]
+            if any(key in given for key in keys):
+                values = {key: value for key, value in values.items() if key not in keys}
+    paths = [getattr(args, f"population{i}") for i in "12"]
+    measured = tuple(None if path is None else read_measured(path) for path in paths)
+    return with_measured(values | given, measured), measured

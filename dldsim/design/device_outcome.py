@@ -1,0 +1,315 @@
+"""What comes out of a device: both populations of a request, one array, its tables.
+
+:mod:`dldsim.design.outlets` has the Monte Carlo; here it meets the surrogate, what the outcomes say
+of transients and coexisting motions, and the device.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.sections import Geometry
+from dldsim.design.cell_source import CellSource
+from dldsim.design.draws import Stream, draw_cells, draw_devices, entering_again, shuffled_devices
+from dldsim.design.motion import History, motion_of
+from dldsim.design.outlets import (
+    CUTS,
+    Array,
+    Course,
+    Devices,
+    Paths,
+    Split,
+    amounts,
+    below,
+    best_split,
+    course,
+    make_paths,
+    nowhere,
+    selected,
+    spread,
+)
+from dldsim.design.side_walls import outlet_walls, wall_range, whole_array
+from dldsim.errors import DldsimError
+from dldsim.experiments.migration import BUMP_FROM, ZIGZAG_TO
+from dldsim.tables.registry import TABLES
+
+SUMMED_UP = ("device_outcomes", "device_outlets")
+"""Kinds of tables with the result."""
+KINDS = (*SUMMED_UP, "device_positions", "device_exits")
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+EXIT_BINS = 80
+"""Intervals of the histogram of exits across the array."""
+
+
+class Inflow(NamedTuple):
+    """What an earlier device gives to a later one: weights (D, C) of the cells of both populations.
+
+    They belong to the cells and devices of the same numbers: the later device draws the same cells.
+    """
+
+    weights: tuple[np.ndarray, np.ndarray]
+
+
+class DeviceOutcome(NamedTuple):
+    """Both populations on their way through one device."""
+
+    request: DesignRequest
+    name: str
+    stage: int
+    device: Device
+    array: Array
+    devices: Devices
+    paths: tuple[Paths, Paths]
+    mixture: tuple[float, float]
+    split: Split
+    walls_um: tuple[float, ...]
+    course: Course
+    extrapolated: tuple[float, float]
+    basis: tuple[str, str]
+    sample_uL_per_h: float
+
+    @property
+    def edges_um(self) -> list[float]:
+        """Ends of the outlets, from side wall to side wall."""
+        return [0.0, *self.walls_um, self.array.width_um]
+
+    def inflow(self, outlet: int) -> Inflow:
+        """What leaves by an outlet, numbered from the lower side wall.
+
+        Raises DldsimError for an outlet that there is not, and one that no cell leaves by.
+        """
+        count = len(self.walls_um) + 1
+        if not 1 <= outlet <= count:
+            raise DldsimError(
+                f"from_outlet = {outlet}: the first device has {count} outlets.",
+                key="from_outlet",
+                value=outlet,
+                allowed=f"1 to {count}",
+                remedy="Count from the lower side wall.",
+            )
+        low, high = self.edges_um[outlet - 1 : outlet + 1]
+        first, second = (selected(p, low, high) for p in self.paths)
+        if not (first.any() or second.any()):
+            raise DldsimError(
+                f"from_outlet = {outlet}: no cell leaves the first device there, so that nothing "
+                "feeds the second.",
+                key="from_outlet",
+                value=outlet,
+                allowed="an outlet that cells leave by",
+                remedy="Name another outlet.",
+            )
+        return Inflow((first, second))
+
+
+def device_outcome(
+    request: DesignRequest,
+    name: str,
+    geometry: Geometry,
+    device: Device,
+    sources: Sequence[CellSource],
+    model,
+    history: Sequence[History],
+    seed: int,
+    *,
+    simulated: Sequence[Mapping[str, Any] | None] = (None, None),
+    inflow: Inflow | None = None,
+    tolerance_um: float | None = None,
+    cuts: int = CUTS,
+    along: bool = True,
+) -> DeviceOutcome:
+    """Carry both populations through a device and place the wall between its outlets.
+
+    ``sources``: both cell types (`CellSource`); ``history``: what outcomes of their shapes say of
+    transients; ``simulated``: rows of `outcomes` of both in this very array, where there are any,
+    whose motion then takes the place of the prediction's error. ``inflow``: of an earlier device,
+    else the sample of the request. ``tolerance_um``: that of the request unless given. ``cuts``:
+    places that are tried for a wall between two outlets; ``along``: look along the device, not only
+    at its end.
+
+    Raises DldsimError as `whole_array`, `wall_range` and `Stream.places` do.
+    """
+    array, _, _ = whole_array(geometry, device)
+    flow = sources[0].population.flow
+    stream = Stream(1e3 * device.sample_position_mm, device.sample_width_um, flow.height_um)
+    off = request.tolerance_um if tolerance_um is None else tolerance_um
+    devices = draw_devices(request.draws, off, seed)
+    if inflow is not None:
+        devices = shuffled_devices(devices, seed)
+    paths, extrapolated, basis = [], [], []
+    for k, source in enumerate(sources):
+        cells = draw_cells(request.cells, source.draw, source.squeezed_um, stream, seed + 1 + k)
+        if inflow is not None:
+            cells = entering_again(cells, seed + 1 + k)
+        motion = motion_of(model, source.population, geometry, history[k], simulated[k])
+        weight = None if inflow is None else inflow.weights[k]
+        paths.append(make_paths(array, cells, devices, k, motion.predictor, weight))
+        extrapolated.append(float(1 - motion.inside(cells).mean()))
+        basis.append(motion.basis)
+    both = (paths[0], paths[1])
+    ratio = request.concentration_ratio
+    mixture = ratio / (1 + ratio), 1 / (1 + ratio)
+    given = outlet_walls(array, device)
+    walls = np.array(given or np.linspace(*wall_range(array, device), cuts), float)
+    split = best_split(both, mixture, walls)
+    fine = np.linspace(0, array.width_um, CUTS)
+    return DeviceOutcome(
+        request,
+        name,
+        1 if inflow is None else 2,
+        device,
+        array,
+        devices,
+        both,
+        mixture,
+        split,
+        tuple(given or (split.cut_um,)),
+        course(both, mixture, fine, split.upper) if along else nowhere(request.draws),
+        (extrapolated[0], extrapolated[1]),
+        (basis[0], basis[1]),
+        3.6e-3 * flow.mean_velocity_mm_s * device.sample_width_um * flow.height_um,
+    )
+
+
+# ------------------------------------------------------------------------------------------ tables
+
+
+def tables_of(
+    found: Sequence[DeviceOutcome], kinds: Sequence[str] = KINDS
+) -> dict[str, pd.DataFrame]:
+    """Tables of KINDS, or of some of them, of devices; the stages of a cascade in order."""
+    makers = dict(zip(KINDS, (_outcomes, _outlets, _positions, _exits), strict=True))
+    tables = {}
+    for kind in kinds:
+        rows = [
+            {"request": one.request.name, "device": one.name, "stage": one.stage} | row
+            for one in found
+            for row in makers[kind](one)
+        ]
+        tables[kind] = pd.DataFrame(rows, columns=TABLES[kind].names)
+    return tables
+
+
+def interval(name: str, values: np.ndarray) -> dict[str, float]:
+    """Median over the devices and both ends of the interval, as columns."""
+    middle, low, high = spread(values)
+    return {name: middle, f"{name}_low": low, f"{name}_high": high}
+
+
+def _outcomes(one: DeviceOutcome) -> list[dict]:
+    """Rows of `device_outcomes`."""
+    split, lengths = one.split, one.course.lengths_um / 1e3
+    rows = []
+    for k, paths in enumerate(one.paths):
+        entering = paths.weight.sum(axis=1)
+        lost = (paths.weight * paths.lost).sum(axis=1) / np.maximum(entering, 1e-300)
+        weight = paths.weight / max(paths.weight.sum(), 1e-300)
+        share = paths.share
+
+        def part(mask: np.ndarray, weight=weight) -> float:
+            return float((weight * mask).sum())
+
+        cells = paths.cells
+        rows.append(
+            {
+                "population": k + 1,
+                "outlet": "upper" if k == split.upper else "lower",
+                **interval("purity", split.purity[k]),
+                **interval("recovery", split.recovery[k]),
+                **interval("enrichment", split.purity[k] / one.mixture[k]),
+                **interval("lost", lost),
+                "recovery_of_sample": float(
+                    np.median(np.nan_to_num(split.recovery[k]) * paths.weight.mean(axis=1))
+                ),
+                "share_bump": part(share >= BUMP_FROM),
+                "share_mixed": part((share < BUMP_FROM) & (share > ZIGZAG_TO)),
+                "share_zigzag": part(share <= ZIGZAG_TO),
+                "extrapolated": one.extrapolated[k],
+                "radius_mean_um": float(cells.radius_um.mean()),
+                "radius_99_um": float(np.quantile(cells.radius_um, 0.99)),
+                "ks_mean_uN_per_m": float(np.exp(np.log(cells.ks_uN_per_m).mean())),
+                "cut_um": split.cut_um,
+                "purity_recovery": split.robust,
+                **interval("value", split.value),
+                **interval("length_90_mm", lengths[0]),
+                **interval("length_95_mm", lengths[1]),
+                "array_length_mm": one.array.length_um / 1e3,
+                "array_width_mm": one.array.width_um / 1e3,
+                "sample_uL_per_h": one.sample_uL_per_h,
+                "basis": one.basis[k],
+            }
+        )
+    return rows
+
+
+def _outlets(one: DeviceOutcome) -> list[dict]:
+    """Rows of `device_outlets`."""
+    edges = np.array(one.edges_um)
+    cells = [_between(paths, edges) for paths in one.paths]
+    entering = amounts(one.paths, one.mixture)
+    rows = []
+    for i in range(len(edges) - 1):
+        leave = [entering[k] * cells[k][:, i] for k in (0, 1)]
+        upper = edges[i] >= one.split.cut_um - 1e-9
+        rows.append(
+            {
+                "outlet": i + 1,
+                "low_um": edges[i],
+                "high_um": edges[i + 1],
+                "collects": (one.split.upper if upper else 1 - one.split.upper) + 1,
+                **interval("cells_1", cells[0][:, i]),
+                **interval("cells_2", cells[1][:, i]),
+                **interval("purity_1", leave[0] / np.maximum(leave[0] + leave[1], 1e-300)),
+            }
+        )
+    return rows
+
+
+def _between(paths: Paths, edges: np.ndarray) -> np.ndarray:
+    """Shares (D, E − 1) of the entering cells between edges (E,) at the end of the array."""
+    under, kept = below(paths, edges[1:-1], paths.array.length_um)
+    return np.diff(under, axis=1, prepend=0.0, append=kept[:, None])
+
+
+def _positions(one: DeviceOutcome) -> list[dict]:
+    """Rows of `device_positions`, without the cells that are lost."""
+    rows = []
+    for k, paths in enumerate(one.paths):
+        weight = np.where(paths.lost, 0.0, paths.weight).ravel()
+        if not weight.any():
+            continue
+        for x, value in zip(one.course.x_um, one.course.value, strict=True):
+            lateral = paths.lateral_um(x).ravel()
+            order = np.argsort(lateral, kind="stable")
+            cumulated = np.cumsum(weight[order])
+            at = np.searchsorted(cumulated, np.array(QUANTILES) * cumulated[-1])
+            places = lateral[order][np.minimum(at, len(order) - 1)]
+            rows.append(
+                {
+                    "population": k + 1,
+                    "x_mm": x / 1e3,
+                    **{f"y_{100 * q:02.0f}_um": y for q, y in zip(QUANTILES, places, strict=True)},
+                    **interval("value", value),
+                }
+            )
+    return rows
+
+
+def _exits(one: DeviceOutcome) -> list[dict]:
+    """Rows of `device_exits`."""
+    edges = np.linspace(0, one.array.width_um, EXIT_BINS + 1)
+    rows = []
+    for k, paths in enumerate(one.paths):
+        shares = _between(paths, edges)
+        rows += [
+            {
+                "population": k + 1,
+                "low_um": edges[i],
+                "high_um": edges[i + 1],
+                **interval("cells", shares[:, i]) | {"cells": float(shares[:, i].mean())},
+            }
+            for i in range(EXIT_BINS)
+        ]
+    return rows

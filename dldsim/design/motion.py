@@ -1,0 +1,180 @@
+"""What a surrogate, and the outcomes behind it, say of the motion of a population in an array."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from dldsim.analysis.features import CellInFlow, share_of
+from dldsim.analysis.surrogate import Surrogate, spread_of
+from dldsim.config.sections import Geometry
+from dldsim.design.outlets import MODES, Cells, Predictor
+from dldsim.design.populations import Population
+from dldsim.experiments.migration import BUMP_FROM, ZIGZAG_TO
+from dldsim.vocabulary import DECIDED
+
+FEWEST = 5
+"""Outcomes of a mode from which its lags are taken; of fewer, those of all modes are."""
+LEVELS = np.linspace(0, 0.99, 100)
+BEYOND = 1e3
+"""Stands for an infinite error, which reaches every share."""
+
+
+class History(NamedTuple):
+    """What settled outcomes show beside their angles.
+
+    ``lags``: by mode, how far cells fall behind in the first array period, in pitches, rising;
+    ``coexisting``: share of the outcomes between the modes in which motions coexist. ``notes``:
+    what is not known.
+    """
+
+    lags: dict[str, np.ndarray]
+    coexisting: float
+    notes: tuple[str, ...] = ()
+
+
+def history_of(outcomes: pd.DataFrame, shape: str) -> History:
+    """History of the cells of one shape, or of all where there are too few.
+
+    A cell that takes a share f of the bump displacement in the first N_p rows, from mid-gap, and b
+    once it has settled, falls behind by (b − f) λ. What it still loses between the first period and
+    the row in which it settles is not counted: in the runs of the preset `quick` 0.03 to 0.08 λ in
+    the mean of those that bump, and nothing for others.
+    """
+    done = outcomes[outcomes["status"].isin(DECIDED) & outcomes["migration_angle_deg"].notna()]
+    own = done[done["cell_shape"] == shape]
+    notes = []
+    if len(own) < FEWEST:
+        notes.append(f"few outcomes of shape {shape}: transients are those of all shapes")
+        own = done
+    rows = own["periodicity"].to_numpy(float)
+    settled = share_of(own["migration_angle_deg"].to_numpy(float), rows)
+    lag = settled - share_of(own["source_angle_deg"].to_numpy(float), rows)
+    between = (settled > ZIGZAG_TO) & (settled < BUMP_FROM)
+    mode = np.select([settled >= BUMP_FROM, between], ["bump", "mixed"], "zigzag")
+    coexist = own["status"].to_numpy() == "coexisting"
+    known = np.isfinite(lag) & ~coexist
+    if not known.any():
+        notes.append("no outcome says how far cells fall behind before they settle: taken as none")
+    pooled = np.sort(lag[known]) if known.any() else np.zeros(1)
+    lags = {}
+    for name in MODES:
+        found = np.sort(lag[known & (mode == name)])
+        lags[name] = found if len(found) >= FEWEST else pooled
+    mixed = coexist[between]
+    return History(lags, float(mixed.mean()) if len(mixed) else 0.0, tuple(notes))
+
+
+UNKNOWN = History({mode: np.zeros(1) for mode in MODES}, 0.0, ("transients are not known",))
+"""Where there are no outcomes to learn transients from."""
+
+
+class Motion(NamedTuple):
+    """``inside``: whether cells (C,) are within what was learnt; ``basis``: in words."""
+
+    predictor: Predictor
+    inside: Callable[[Cells], np.ndarray]
+    basis: str
+
+
+def motion_of(
+    model: Surrogate,
+    population: Population,
+    geometry: Geometry,
+    history: History,
+    simulated: Mapping[str, Any] | None = None,
+) -> Motion:
+    """The motion of a population in an array, or in arrays of this periodicity nearly as large.
+
+    The error of the prediction is drawn from its conformal scores. ``simulated``: a row of
+    `outcomes` of the population's mean cell in this array. What the prediction is off by is then
+    known, in units of the scale of its error, and is taken for all cells of the population; drawn
+    is only where in its interval the settled motion lies.
+    """
+    rows, shape = geometry.periodicity, population.shape
+    height = population.flow.height_um
+
+    def in_flow(radius, ks) -> CellInFlow:
+        return CellInFlow(shape, radius, height, population.capillary(ks))
+
+    def share(pillar_radius, gap, radius, ks) -> np.ndarray:
+        return model.share(pillar_radius, gap, rows, in_flow(radius, ks))
+
+    def inside(cells: Cells) -> np.ndarray:
+        place = geometry.pillar_radius_um, geometry.gap_um, rows
+        return model.inside_domain(*place, in_flow(cells.radius_um, cells.ks_uN_per_m))
+
+    limits = tuple(model.card["conformal"]["range"])
+    if simulated is None or simulated.get("migration_angle_deg") is None:
+        off, sigma = _conformal(model, shape), _numerical(model)
+        coexisting, basis = history.coexisting, "predicted"
+    else:
+        place = np.array([geometry.pillar_radius_um]), np.array([geometry.gap_um])
+        ks = population.stiffness.ks_uN_per_m
+        predicted = share(*place, np.array([population.radius_um]), np.array([ks]))
+        off = _known(predicted, simulated, limits)
+        bump = np.degrees(np.arctan(1 / rows))
+        known = (simulated.get("sigma_num_deg") or 0.0) / bump
+
+        def sigma(values: np.ndarray) -> np.ndarray:
+            return np.full_like(values, known)
+
+        coexisting = float(simulated["status"] == "coexisting")
+        basis = f"simulated in this array: {simulated['status']}"
+    notes = "; ".join([basis, *history.notes])
+    lags = history.lags
+    return Motion(Predictor(share, off, sigma, limits, lags, coexisting), inside, notes)
+
+
+def _conformal(model: Surrogate, shape: str) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Shares with the error at a signed level of the conformal interval."""
+    factors = error_factors(model.card["conformal"]["scores"].get(shape, []))
+
+    def off(share: np.ndarray, deviate: np.ndarray) -> np.ndarray:
+        factor = np.sign(deviate) * np.interp(np.abs(deviate), LEVELS, factors)
+        return np.clip(share + factor * spread_of(share), *model.card["conformal"]["range"])
+
+    return off
+
+
+def error_factors(scores: Sequence[Sequence[float]]) -> np.ndarray:
+    """`conformal_factor` of the scores of each geometry at all of LEVELS."""
+    if not scores:
+        return np.full(len(LEVELS), BEYOND)
+    sizes = np.array([len(s) for s in scores])
+    values = np.concatenate([np.asarray(s, float) for s in scores])
+    order = np.argsort(values)
+    reached = np.cumsum(np.repeat(1 / sizes, sizes)[order]) / (len(scores) + 1)
+    at = np.searchsorted(reached, LEVELS - 1e-12)
+    return np.append(values[order], BEYOND)[at]
+
+
+def _known(
+    predicted: np.ndarray, simulated: Mapping[str, Any], limits: tuple[float, float]
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Shares moved as the simulated one differs from that predicted, anywhere in its interval."""
+    rows = simulated["periodicity"]
+    ends = [
+        share_of(simulated["migration_angle_deg"] if angle is None else angle, rows)
+        for angle in (simulated["angle_low_deg"], simulated["angle_high_deg"])
+    ]
+
+    def off(share: np.ndarray, deviate: np.ndarray) -> np.ndarray:
+        wanted = ends[0] + (ends[1] - ends[0]) * (deviate + 1) / 2
+        score = (wanted - predicted) / spread_of(predicted)
+        return np.clip(share + score * spread_of(share), *limits)
+
+    return off
+
+
+def _numerical(model: Surrogate) -> Callable[[np.ndarray], np.ndarray]:
+    """σ_num of shares, by mode as the surrogate's card has it; none where it was not studied."""
+    by_mode = model.card["numerical_uncertainty"]["share_by_mode"]
+    most = max(by_mode.values(), default=0.0)
+    zigzag, mixed, bump = (by_mode.get(name, most) for name in MODES)
+
+    def sigma(share: np.ndarray) -> np.ndarray:
+        return np.select([share >= BUMP_FROM, share > ZIGZAG_TO], [bump, mixed], zigzag)
+
+    return sigma

@@ -1,0 +1,205 @@
+"""The command `outcome`, outlets in `design`, and what is refused; on a made-up campaign."""
+
+import contextlib
+import json
+import time
+
+import numpy as np
+import pytest
+
+from dldsim.app import cli, outcome_answers
+from dldsim.app.asked import with_measured
+from dldsim.design.measured_cells import read_measured
+from dldsim.tables.parquet import read_rows
+from tests.app.test_cli import call
+
+ARRAY = ["--pillar-radius-um", 7, "--gap-um", 16, "--periodicity", 6]
+CELLS = ["--set1", "1", "--set2", "3", "--r1", 5.5, "--r2", 8, "--r1-cv", 0.05]
+FEW = ["--draws", 16, "--cells", 64]
+
+
+@pytest.fixture(autouse=True)
+def nowhere(monkeypatch, tmp_path):
+    """No config.yaml in the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
+def outcome(capsys, campaign, *words):
+    return call(capsys, "outcome", *words, "--results", campaign)
+
+
+def test_an_array_by_itself(capsys, campaign, tmp_path):
+    code, summary, _ = outcome(capsys, campaign, *ARRAY, *CELLS, *FEW, "--output", tmp_path / "o")
+    assert code == 0
+    assert [row["population"] for row in summary["outcomes"]] == [1, 2]
+    assert {row["outlet"] for row in summary["outcomes"]} == {"lower", "upper"}
+    for kind in ("device_outcomes", "device_outlets", "device_positions", "device_exits"):
+        assert read_rows(kind, tmp_path / "o" / f"{kind}.parquet")
+        assert (tmp_path / "o" / f"{kind}.csv").exists()
+    assert (tmp_path / "o" / "outcome.html").exists() and (tmp_path / "o" / "outcome.png").exists()
+    table = tmp_path / "o.csv"
+    again = outcome(capsys, campaign, *ARRAY, *CELLS, *FEW, "--csv", table)[1]
+    assert table.read_text().startswith("request,device,stage,population,outlet,purity")
+    assert again["outcomes"] == summary["outcomes"]
+
+
+def test_a_summary_to_be_read(capsys, campaign):
+    words = ["outcome", *ARRAY, *CELLS, *FEW, "--results", campaign]
+    assert cli.main([*map(str, words)]) == 0
+    text = capsys.readouterr().out
+    for part in ("purity", "recovery", "nine of ten exceed", "wall at [µm]", "Add --simulate"):
+        assert part in text
+
+
+@pytest.fixture(scope="module")
+def designed(campaign, tmp_path_factory):
+    """Files of a search for outlets."""
+    folder = tmp_path_factory.mktemp("designed")
+    words = ["design", *CELLS, *FEW, "--objective", "purity-recovery", "--trials", 25]
+    words += ["--startup-trials", 15, "--candidates", 2, "--footprint-max-mm2", 6]
+    start = time.process_time()
+    with contextlib.chdir(folder):
+        assert cli.main([*map(str, words), "--results", str(campaign), "--output", "."]) == 0
+    return folder, time.process_time() - start
+
+
+def test_a_design_by_its_outlets(designed):
+    folder, _ = designed
+    designs = read_rows("designs", folder / "designs.parquet")
+    rows = read_rows("device_outcomes", folder / "device_outcomes.parquet")
+    first = [row for row in rows if row["device"] == "request-candidate-1"]
+    assert designs[0]["objective"] == "purity-recovery"
+    assert designs[0]["value"] == pytest.approx(first[0]["purity_recovery"])
+    assert 0 <= designs[0]["value"] <= 1
+    assert first[0]["array_length_mm"] <= 3.0  # 6 mm² of an array 2 mm wide
+    assert "At the outlets" in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_mask_follows_the_outcome(designed):
+    folder, _ = designed
+    record = json.loads((folder / "files/request-candidate-1.json").read_text(encoding="utf-8"))
+    rows = read_rows("device_outcomes", folder / "device_outcomes.parquet")
+    device = record["device"]
+    assert device["outlet_walls_um"] == pytest.approx([rows[0]["cut_um"]])
+    assert device["array_length_um"] / 1e3 == pytest.approx(rows[0]["array_length_mm"])
+    assert device["array_width_um"] / 1e3 == pytest.approx(rows[0]["array_width_mm"])
+    assert record["outcome"]["populations"][0]["purity"] == rows[0]["purity"]
+
+
+def test_a_design_and_a_cascade_by_files(capsys, campaign, designed):
+    folder, _ = designed
+    one, two = (folder / f"files/request-candidate-{k}.json" for k in (1, 2))
+    code, summary, _ = outcome(capsys, campaign, "--design", one, *FEW)
+    assert code == 0 and summary["request"]["radius_1_um"] == 5.5
+    assert summary["designs"][0]["name"] == "request-candidate-1"
+    upper = [row for row in summary["outlets"] if row["outlet"] == 2][0]
+    fed = upper["cells_1"] + upper["cells_2"] > 0
+    code, summary, message = outcome(
+        capsys, campaign, "--design", one, *FEW, "--then", two, "--from-outlet", 2
+    )
+    assert code == 0 or not fed and "no cell leaves" in message
+    if code == 0:
+        assert [row["stage"] for row in summary["outcomes"]] == [1, 1, 2, 2]
+
+
+def test_options_go_over_the_design(capsys, campaign, designed):
+    path = designed[0] / "files/request-candidate-1.json"
+    words = ["--design", path, *FEW, "--ks1", 12, "--array-length-mm", 2, "--outlets", 3]
+    code, summary, _ = outcome(capsys, campaign, *words)
+    assert code == 0
+    assert summary["request"]["stiffness_set_1"] is None
+    assert summary["request"]["ks_1_uN_per_m"] == 12
+    assert len(summary["outlets"]) == 3 and summary["outcomes"][0]["array_length_mm"] <= 2
+
+
+def test_measured_cells(capsys, campaign, tmp_path):
+    radii = np.random.default_rng(1).normal(5.5, 0.2, 50)
+    (tmp_path / "a.csv").write_text("radius_um\n" + "\n".join(f"{r:.3f}" for r in radii))
+    words = [*ARRAY, "--set1", "1", "--set2", "3", "--r2", 8, *FEW]
+    code, summary, _ = outcome(capsys, campaign, *words, "--population1", tmp_path / "a.csv")
+    assert code == 0
+    assert summary["request"]["radius_1_um"] == pytest.approx(radii.mean(), abs=1e-3)
+    assert summary["request"]["radius_std_1_um"] == pytest.approx(radii.std(ddof=1), abs=1e-3)
+    assert summary["outcomes"][0]["radius_mean_um"] == pytest.approx(radii.mean(), abs=0.02)
+
+
+def test_measured_indices_give_stiffnesses(capsys, campaign, tmp_path):
+    (tmp_path / "a.csv").write_text("radius_um,deformation_index\n7,0.55\n7.5,0.6\n8,0.65\n")
+    words = [*ARRAY, "--set2", "3", "--r2", 5, *FEW, "--population1", tmp_path / "a.csv"]
+    code, summary, message = outcome(capsys, campaign, *words)
+    assert code == 0, message
+    assert summary["request"]["deformation_index_1"] == pytest.approx(0.6)
+    far = tmp_path / "b.csv"
+    far.write_text("radius_um,deformation_index\n7,0.05\n7.5,0.06\n8,0.6\n")
+    words[-1] = far
+    code, _, message = outcome(capsys, campaign, *words)
+    assert code == 2 and "deformation_index" in message
+
+
+def test_what_was_measured_replaces_what_was_said():
+    cells = read_measured(b"radius_um,ks_uN_per_m\n6,10\n8,40\n", "a.csv")
+    said = {"stiffness_set_1": "3", "deformation_index_std_1": 0.1, "radius_cv_1": 0.2}
+    values = with_measured(said | {"radius_2_um": 5.0}, (cells, None))
+    assert values["ks_1_uN_per_m"] == pytest.approx(20) and values["radius_1_um"] == 7
+    assert not {"stiffness_set_1", "deformation_index_std_1", "radius_cv_1"} & values.keys()
+    assert values["radius_2_um"] == 5.0
+
+
+def test_a_simulated_check(capsys, campaign, tmp_path, monkeypatch):
+    """Cells as a simulator would return them: at its outlet those that move as predicted."""
+
+    def simulate(drawn, setting, directory, progress):
+        progress("cell 6 of 6")
+        angle = {1: 0.0, 2: float(np.degrees(np.arctan(1 / setting.geometry.periodicity)))}
+        return [
+            {
+                "status": "converged",
+                "stop_reason": "",
+                "mode": "bump",
+                "migration_angle_deg": angle[d.population],
+                "lateral_steps_um": [0.0] * 6,
+                "cell_radius_um": d.cell.radius_um,
+                "rows_completed": 6,
+            }
+            for d in drawn
+        ]
+
+    monkeypatch.setattr(outcome_answers, "simulate_cells", simulate)
+    words = [*ARRAY, *CELLS, *FEW, "--simulate", 6, "--output", tmp_path / "o"]
+    code, summary, message = outcome(capsys, campaign, *words)
+    assert code == 0 and "cell 6 of 6" in message
+    assert [row["simulated"] for row in summary["checks"]] == [3, 3]
+    cells = read_rows("checked_cells", tmp_path / "o" / "checked_cells.parquet")
+    assert [cell["population"] for cell in cells] == [1, 1, 1, 2, 2, 2]
+    upper = cells[-1]["exit_um"] - cells[-1]["start_um"]
+    array = summary["outcomes"][0]["array_length_mm"] * 1e3
+    assert upper == pytest.approx((array - 6 * 30) / 6, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("words", "parts"),
+    [
+        ([], ["--design FILE", "--pillar-radius-um"]),
+        ([*ARRAY, "--design", "x.json"], ["--design FILE"]),
+        (["--design", "no.json"], ["no.json", "cannot be read", ".json file of a design"]),
+        (["--pillar-radius-um", 7], ["gap_um", "missing"]),
+        ([*ARRAY, *CELLS, "--then", "x.json"], ["--from-outlet N go together"]),
+        ([*ARRAY, "--set1", "1"], ["deformation_index_2", "exactly one of"]),
+        ([*ARRAY, *CELLS, "--r1-cv", "0.6"], ["radius_cv_1", "would be negative", "lognormal"]),
+        ([*ARRAY, *CELLS, "--r1-cv", "-0.1"], ["radius_cv_1", "-0.1", "≥ 0"]),
+        ([*ARRAY, *CELLS, "--array-length-mm", "0.1"], ["array_length_mm", "one period of 6"]),
+        ([*ARRAY, *CELLS, "--draws", "4096", "--cells", "65536"], ["draws times cells at most"]),
+        ([*ARRAY, *CELLS, "--cells", "70000"], ["cells", "70000", "≤ 65536"]),
+        ([*ARRAY, *CELLS, "--simulate", "1"], ["simulate = 1", "2 to 1000"]),
+        ([*ARRAY, *CELLS, "--population2", "no.csv"], ["no.csv", "does not exist"]),
+        (
+            [*ARRAY, "--set1", "1", "--set2", "1", "--r1", 6, "--r2", 6],
+            ["both cell types", "no array separates equals"],
+        ),
+    ],
+)
+def test_bad_input_is_refused_with_what_to_do(words, parts, capsys, campaign):
+    code, summary, message = outcome(capsys, campaign, *words)
+    assert (code, summary) == (2, None)
+    assert all(part in message for part in parts), message
+    assert "Traceback" not in message
