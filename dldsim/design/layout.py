@@ -30,7 +30,6 @@ from dldsim.design.side_walls import (
     wall_range,
     whole_array,
 )
-from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
 
 LAYERS = ("channel", "pillars", "alignment", "label", "documentation")
