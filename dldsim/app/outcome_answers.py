@@ -28,6 +28,7 @@ from dldsim.design.cell_source import CellSource
 from dldsim.design.device_outcome import DeviceOutcome, device_outcome, interval
 from dldsim.design.draws import Stream
 from dldsim.design.finished_campaign import Campaign
+from dldsim.design.motion import simulated_in
 from dldsim.design.populations import flow_of
 from dldsim.design.task import check_cells
 from dldsim.errors import DldsimError
@@ -81,12 +82,11 @@ def make_outcomes(
     seed: int,
     *,
     from_outlet: int | None = None,
-    simulated: Sequence[Mapping[str, Any] | None] = (None, None),
 ) -> list[DeviceOutcome]:
     """What comes out of a design, and of a second one that ``from_outlet`` of the first feeds.
 
-    ``simulated``: rows of `outcomes` of both cell types in the first array. Raises DldsimError as
-    `check_cells`, `device_outcome` and `DeviceOutcome.inflow` do.
+    Where the campaign has simulated the mean cell of a type in the very array, its motion is known.
+    Raises DldsimError as `check_cells`, `device_outcome` and `DeviceOutcome.inflow` do.
     """
     name = f"request {asked.request.name}"
     check_cells(name, asked.request, asked.populations, known.model)
@@ -102,11 +102,17 @@ def make_outcomes(
                 known.model,
                 asked.history,
                 derive_seed(seed, "outcome"),
-                simulated=simulated if stage == 1 else (None, None),
+                simulated=_simulated(asked, design, known),
                 inflow=found[0].inflow(from_outlet) if stage == 2 else None,
             )
         )
     return found
+
+
+def _simulated(asked: Asked, design: Design, known: Campaign) -> list[dict[str, Any] | None]:
+    """Rows of `outcomes` of both cell types in the array of a design, where there are any."""
+    outcomes = known.tables["outcomes"]
+    return [simulated_in(outcomes, design.geometry, p) for p in asked.populations]
 
 
 # ------------------------------------------------------------------------------- simulated check
@@ -145,6 +151,7 @@ def check_by_simulation(
         known.model,
         asked.history,
         derive_seed(seed, "outcome"),
+        simulated=_simulated(asked, design, known),
         tolerance_um=0.0,
     )
     rows = simulate_cells(drawn, setting, directory, progress)

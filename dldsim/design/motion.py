@@ -17,6 +17,8 @@ from dldsim.vocabulary import DECIDED
 FEWEST = 5
 """Outcomes of a mode from which its lags are taken; of fewer, those of all modes are."""
 LEVELS = np.linspace(0, 0.99, 100)
+SAME = 1e-4
+"""Relative difference of lengths and Ca that counts as none."""
 BEYOND = 1e3
 """Stands for an infinite error, which reaches every share."""
 
@@ -68,6 +70,27 @@ def history_of(outcomes: pd.DataFrame, shape: str) -> History:
 
 UNKNOWN = History({mode: np.zeros(1) for mode in MODES}, 0.0, ("transients are not known",))
 """Where there are no outcomes to learn transients from."""
+
+
+def simulated_in(
+    outcomes: pd.DataFrame, geometry: Geometry, population: Population
+) -> dict[str, Any] | None:
+    """The row of `outcomes` with an angle of the population's mean cell in this very array, at its
+    Ca, height and shape; None where there is none."""
+    wanted = {
+        **geometry.model_dump(),
+        "cell_radius_um": population.radius_um,
+        "height_um": population.flow.height_um,
+        "capillary_number": population.capillary_number,
+    }
+    same = (outcomes["cell_shape"] == population.shape) & outcomes["migration_angle_deg"].notna()
+    for name, value in wanted.items():
+        same &= np.isclose(outcomes[name].astype(float), value, rtol=SAME, atol=0)
+    found = outcomes[same]
+    if found.empty:
+        return None
+    row = found.iloc[0]
+    return {name: None if value is None or value != value else value for name, value in row.items()}
 
 
 class Motion(NamedTuple):

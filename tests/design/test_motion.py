@@ -6,7 +6,15 @@ import pytest
 
 from dldsim.analysis.surrogate import conformal_factor, spread_of
 from dldsim.config.sections import Flow, Geometry, Stiffness
-from dldsim.design.motion import BEYOND, LEVELS, UNKNOWN, error_factors, history_of, motion_of
+from dldsim.design.motion import (
+    BEYOND,
+    LEVELS,
+    UNKNOWN,
+    error_factors,
+    history_of,
+    motion_of,
+    simulated_in,
+)
 from dldsim.design.outlets import MODES
 from dldsim.design.populations import Population
 
@@ -149,3 +157,22 @@ def test_numerical_uncertainty_is_that_of_the_mode():
     np.testing.assert_allclose(known.predictor.sigma(np.array([0.0, 0.5, 1.0])), [0.01, 0.1, 0.02])
     none = motion_of(Law(lambda *a: a[1]), population(), GEOMETRY, UNKNOWN)
     assert set(none.predictor.sigma(np.array([0.0, 0.5, 1.0]))) == {0.0}
+
+
+def test_a_simulated_array_is_found_by_all_that_acts():
+    known = population()
+    cell = {
+        **GEOMETRY.model_dump(),
+        "cell_shape": "biconcave",
+        "cell_radius_um": 7.0,
+        "height_um": known.flow.height_um,
+        "capillary_number": known.capillary_number,
+        "migration_angle_deg": 3.0,
+        "sigma_num_deg": np.nan,
+    }
+    others = [cell | {name: 9.0} for name in ("gap_um", "cell_radius_um", "capillary_number")]
+    others += [cell | {"cell_shape": "sphere"}, cell | {"migration_angle_deg": np.nan}]
+    table = pd.DataFrame(others)
+    assert simulated_in(table, GEOMETRY, known) is None
+    found = simulated_in(pd.DataFrame([*others, cell | {"status": "decided"}]), GEOMETRY, known)
+    assert found["status"] == "decided" and found["sigma_num_deg"] is None
