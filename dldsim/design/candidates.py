@@ -45,7 +45,8 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         table = table.nlargest(GRID_CHECKED, ["inside_training_domain", "value"], keep="all")
     place = [table[name].to_numpy() for name in GEOMETRY]
     least, largest = over_tolerance(task, table)
-    first, second = (surrogate.sigma_num_deg(table[f"angle_{i}_deg"], place[2]) for i in (1, 2))
+    sigma = [surrogate.sigma_num_deg(table[f"angle_{i}_deg"], place[2]) for i in (1, 2)]
+    first, second = sigma
     table = table.assign(
         separation_tolerance_min_deg=least,
         separation_tolerance_max_deg=largest,

@@ -134,9 +134,18 @@ def _stiffness_of(
         )
     curves = []
     for node, ends in zip(nodes, ranges, strict=True):
-        grid = np.linspace(*np.clip([index.min(), index.max()], *ends), CURVE)
+        first, last = np.clip([index.min(), index.max()], ends[0], ends[1])
+        grid = np.linspace(first, last, CURVE)
         found = [
-            ks_of_index(float(i), shape, float(node), calibration, 0.0, assay, key=INDEX)
+            ks_of_index(
+                float(i),
+                shape,
+                float(node),
+                calibration,
+                0.0,
+                assay,
+                keys=(INDEX, "shape", "radius_um"),
+            )
             for i in grid
         ]
         curves.append(np.interp(index, grid, np.log([one["ks_uN_per_m"] for one in found])))

@@ -87,16 +87,15 @@ def index_range(
 
     Raises DldsimError without a calibration, or for an assay that is not in it.
     """
-    by = assay or DEFAULT_ASSAY
-    known = [] if calibration is None else sorted(set(calibration["design"]))
-    if by not in known:
+    if calibration is None:
         raise DldsimError(
-            f"deformation_index: no calibration by {by} (there is {', '.join(known) or 'none'}).",
+            "deformation_index: there is no calibration to read a stiffness from.",
             key="assay",
-            value=by,
-            allowed=", ".join(known) or "ks_uN_per_m instead of a deformation index",
+            value=assay,
+            allowed="ks_uN_per_m instead of a deformation index",
         )
-    index = calibration.loc[calibration["design"] == by, "deformation_index"].dropna()
+    by = assay or default_curves(calibration)["assay"].iloc[0]
+    index = curve_of(calibration, by, shape, radius_um)["deformation_index"].dropna()
     return float(index.min()), float(index.max())
 
 

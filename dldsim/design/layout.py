@@ -159,8 +159,7 @@ def make_layout(
     )
     array, rows, lanes = whole_array(geometry, device)
     exits = tuple(_exit(array, device, p) for p in populations)
-    walls = outlet_walls(array, device)
-    walls = walls_um or walls or [_between(exits, array, device)]
+    walls = walls_um or outlet_walls(array, device) or [_between(exits, array, device)]
     layout = Layout(name, geometry, device, rows, lanes, array.width_um, exits, tuple(walls))
     _draw(layout)
     return layout

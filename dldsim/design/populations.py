@@ -61,7 +61,7 @@ class Population(NamedTuple):
     """Field of the request that its stiffness follows from."""
     shape_key: str = ""
 
-    def capillary(self, ks_uN_per_m: float) -> float:
+    def capillary(self, ks_uN_per_m: Any) -> Any:
         """Ca = μU/k_s."""
         return self.flow.viscosity_mPa_s * self.flow.mean_velocity_mm_s / ks_uN_per_m
 

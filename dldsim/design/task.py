@@ -144,7 +144,9 @@ class Task:
                 for v in (cell.radius_um, cell.capillary_number)
             )
             angle = self.surrogate.predict(
-                *(v.ravel() for v in (radius, gap, periodicity)),
+                radius.ravel(),
+                gap.ravel(),
+                periodicity.ravel(),
                 cell._replace(radius_um=size, capillary_number=capillary),
             ).reshape(radius.shape)
             angles.append(angle + errors[k][:, None] / NORMAL_HALF_WIDTH * normal[k])
