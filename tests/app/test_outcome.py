@@ -124,13 +124,13 @@ def test_measured_cells(capsys, campaign, tmp_path):
 
 
 def test_measured_indices_give_stiffnesses(capsys, campaign, tmp_path):
-    (tmp_path / "a.csv").write_text("radius_um,deformation_index\n7,0.55\n7.5,0.6\n8,0.65\n")
+    (tmp_path / "a.csv").write_text("radius_um,deformation_index\n7.5,0.55\n7.5,0.6\n7.5,0.65\n")
     words = [*ARRAY, "--set2", "3", "--r2", 5, *FEW, "--population1", tmp_path / "a.csv"]
     code, summary, message = outcome(capsys, campaign, *words)
     assert code == 0, message
     assert summary["request"]["deformation_index_1"] == pytest.approx(0.6)
     far = tmp_path / "b.csv"
-    far.write_text("radius_um,deformation_index\n7,0.05\n7.5,0.06\n8,0.6\n")
+    far.write_text("radius_um,deformation_index\n7.5,0.05\n7.5,0.06\n7.5,0.6\n")
     words[-1] = far
     code, _, message = outcome(capsys, campaign, *words)
     assert code == 2 and "deformation_index" in message
