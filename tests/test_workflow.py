@@ -471,7 +471,7 @@ CHANGES = {
     "reference": "reference={releases: [0.2, 0.5]}",
     "survey": "survey={shapes: {biconcave: {round_points: 2}}}",
     "limits": "limits={memory_GB: 15}",
-    "surrogate": "surrogate={survey: true}",
+    "surrogate": "surrogate={survey: true}",  # TINY has false
 }
 
 

@@ -62,7 +62,7 @@ TARGET = {"r2": 0.95, "median_absolute_error_deg": 0.3}
 """What a designer would like on geometries never seen."""
 BEAD = "sphere"
 """The shape whose stiff limit is a bead."""
-BEAD_ROWS = (5, 8, 12)
+BEAD_ROWS = (4, 5, 6, 8, 12)
 """Periodicities at which beads are held against the law of the critical diameter."""
 BEAD_STEPS = 200
 
@@ -327,10 +327,10 @@ def fit(outcomes: pd.DataFrame, seed: int, survey: pd.DataFrame | None = None) -
 def beads(surrogate: Surrogate) -> list[dict[str, Any]]:
     """Critical diameter of the stiffest spheres learnt over that of the law, by periodicity.
 
-    Beside pillars as wide as the gap: the diameter over D_c = 1.4 G ε^0.48 at which half of the
-    bump displacement is predicted, for the periodicities of BEAD_ROWS at which the surrogate
-    interpolates there; and whether it is within the scatter of devices about the law. Empty where
-    no spheres were learnt.
+    Beside pillars of the median radius learnt, in the highest channel: the diameter over
+    D_c = 1.4 G ε^0.48 at which half of the bump displacement is predicted, for the periodicities of
+    BEAD_ROWS at which the surrogate interpolates there; and whether it is within the scatter of
+    devices about the law. Empty where no such transition of spheres was learnt.
     """
     own = surrogate.domains.get(BEAD)
     if own is None:
@@ -339,10 +339,11 @@ def beads(surrogate: Surrogate) -> list[dict[str, Any]]:
     gap = np.geomspace(low, high, BEAD_STEPS)
     tall = 2 / own.vertical_confinement[0] if own.vertical_confinement[0] > 0 else 0.0
     bead = CellInFlow(BEAD, 1.0, tall, own.capillary_number[0])
+    pillar = float(np.median(own.geometries[:, 0]))
     found = []
     for rows in BEAD_ROWS:
-        share = surrogate.share(gap / 2, gap, rows, bead)
-        inside = surrogate.inside_domain(gap / 2, gap, rows, bead)
+        share = surrogate.share(pillar, gap, rows, bead)
+        inside = surrogate.inside_domain(pillar, gap, rows, bead)
         falls = np.flatnonzero((share[:-1] >= 0.5) & (share[1:] < 0.5) & inside[:-1] & inside[1:])
         if not falls.size:
             continue
@@ -352,6 +353,7 @@ def beads(surrogate: Surrogate) -> list[dict[str, Any]]:
         found.append(
             {
                 "periodicity": rows,
+                "pillar_radius_over_cell_radius": pillar,
                 "over_law": ratio,
                 "within_scatter": abs(ratio - 1) <= SCATTER_OF_DAVIS,
             }

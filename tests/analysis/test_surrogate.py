@@ -79,10 +79,21 @@ def test_other_velocities_heights_and_radii_are_learnt_from_the_survey(surveyed,
 def test_beads_join_the_law_of_the_critical_diameter(surveyed, fitted):
     """The made-up spheres are within 1 % of it in their stiff limit."""
     beads = surveyed.card["beads"]
-    assert [b["periodicity"] for b in beads] == [5, 8, 12]
+    assert [b["periodicity"] for b in beads] == [4, 5, 6, 8, 12]
     assert all(b["over_law"] == pytest.approx(1, abs=0.08) for b in beads)
     assert all(b["within_scatter"] for b in beads)
     assert fitted.card["beads"] == []
+    # pillars narrower than half of the gap at the transition, as in the survey that is packaged
+    state = surveyed.card["domain"]
+    slim = [g for g in state["sphere"]["geometries"] if g[0] < 0.3 * g[1]]
+    learnt = state | {"sphere": state["sphere"] | {"geometries": slim}}
+    found = surrogate.beads(
+        surrogate.Surrogate(surveyed.booster, surveyed.card | {"domain": learnt})
+    )
+    assert [b["pillar_radius_over_cell_radius"] for b in found] == [
+        np.median(slim, axis=0)[0]
+    ] * len(found)
+    assert {5, 8} <= {b["periodicity"] for b in found} and all(b["within_scatter"] for b in found)
 
 
 def test_shapes_have_domains_of_their_own(surveyed):
