@@ -1,6 +1,7 @@
 """Tables that are there: `anova`, `stiffness`, `transition`, `info`."""
 
 import argparse
+import math
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -109,11 +110,9 @@ def _transition_columns(table) -> dict[str, list[str]]:
 
     def told(row) -> str:
         gaps = [row[name] / 2 for name in ("gap", "gap_low", "gap_high")]
-        place = (
-            "not in what was learnt"
-            if gaps[0] != gaps[0]
-            else ("{:.2f} ({:.2f} to {:.2f})".format(*gaps))
-        )
+        place = "{:.2f} ({:.2f} to {:.2f})".format(*gaps)
+        if math.isnan(gaps[0]):
+            place = "not in what was learnt"
         return f"{place} at Ca {row['capillary_number']:.3g}"
 
     return {
