@@ -344,11 +344,9 @@ def beads(surrogate: Surrogate) -> list[dict[str, Any]]:
     for rows in BEAD_ROWS:
         share = surrogate.share(pillar, gap, rows, bead)
         inside = surrogate.inside_domain(pillar, gap, rows, bead)
-        falls = np.flatnonzero((share[:-1] >= 0.5) & (share[1:] < 0.5) & inside[:-1] & inside[1:])
-        if not falls.size:
+        at = half_way(gap, share, inside)
+        if np.isnan(at):
             continue
-        i = falls[-1]
-        at = gap[i] + (share[i] - 0.5) / (share[i] - share[i + 1]) * (gap[i + 1] - gap[i])
         ratio = float(2 / critical_diameter(at, 1 / rows))
         found.append(
             {
@@ -359,6 +357,19 @@ def beads(surrogate: Surrogate) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+def half_way(gap: np.ndarray, share: np.ndarray, inside: np.ndarray) -> float:
+    """Widest of rising gaps (n,) at which half of the bump displacement is predicted, interpolated.
+
+    share: of that displacement (n,); inside: where it was learnt (n,). NaN if it does not fall
+    through a half there.
+    """
+    falls = np.flatnonzero((share[:-1] >= 0.5) & (share[1:] < 0.5) & inside[:-1] & inside[1:])
+    if not falls.size:
+        return float("nan")
+    i = falls[-1]
+    return float(gap[i] + (share[i] - 0.5) / (share[i] - share[i + 1]) * (gap[i + 1] - gap[i]))
 
 
 def _coverage(level: float, shape: str, found: pd.DataFrame) -> dict[str, float | int | str]:

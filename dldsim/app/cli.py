@@ -18,7 +18,7 @@ from dldsim.app.commands.outcome import add_outcome
 from dldsim.app.commands.output import make_printable, plain_value
 from dldsim.app.commands.service import add_serve
 from dldsim.app.commands.simulation import add_constrict, add_flow, add_run
-from dldsim.app.commands.tables import add_anova, add_info, add_stiffness
+from dldsim.app.commands.tables import add_anova, add_info, add_stiffness, add_transition
 from dldsim.app.commands.validation import add_validate
 from dldsim.errors import DldsimError
 
@@ -66,6 +66,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_calibrate,
         add_anova,
         add_stiffness,
+        add_transition,
         add_design,
         add_outcome,
         add_validate,

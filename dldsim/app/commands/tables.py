@@ -1,11 +1,12 @@
-"""Tables that are there: `anova`, `stiffness`, `info`."""
+"""Tables that are there: `anova`, `stiffness`, `transition`, `info`."""
 
 import argparse
+import math
 from collections.abc import Iterable
 from pathlib import Path
 
 from dldsim.app.commands.options import add_command, number, seed
-from dldsim.app.commands.output import frame_lines, listing, records
+from dldsim.app.commands.output import check_writable, frame_lines, in_columns, listing, records
 from dldsim.errors import DldsimError
 
 
@@ -65,6 +66,62 @@ def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     )
     summary = {"deformation_index": args.di, "error": args.error} | found
     return summary, listing(summary)
+
+
+def transition(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
+    """Critical gaps by the surrogate over the capillary number, by shape and N_p."""
+    from dldsim.analysis.surrogate import LEVEL, load
+    from dldsim.analysis.transition import HEIGHT, PILLAR_RADIUS, transition_map
+    from dldsim.design.finished_campaign import packaged_campaign
+
+    if args.figure:
+        check_writable(args.figure, "--figure")
+    folder = args.results or packaged_campaign()
+    surrogate = load(folder / "surrogate.json", folder / "surrogate_card.json")
+    table = transition_map(surrogate)
+    summary = {
+        "learnt": surrogate.holds_for,
+        "level": LEVEL,
+        "pillar_radius_over_cell_radius": PILLAR_RADIUS,
+        "height_over_cell_radius": HEIGHT,
+        "rows": records(table),
+    }
+    lines = [
+        f"learnt: {surrogate.holds_for}",
+        f"Critical gap P_g/2R beside pillars of {PILLAR_RADIUS:g} R in channels {HEIGHT:.3g} R "
+        f"high, with where the {100 * LEVEL:g} % interval holds half of the bump displacement:",
+        *in_columns(_transition_columns(table)),
+    ]
+    if args.figure:
+        from dldsim.files import atomic_path
+        from dldsim.report.style import render
+        from dldsim.report.transition_figures import draw_transition
+
+        with atomic_path(args.figure) as part:
+            part.write_bytes(render(draw_transition(table, LEVEL), "png"))
+        summary["figure"] = str(args.figure)
+        lines.append(f"written: {args.figure}")
+    return summary, lines
+
+
+def _transition_columns(table) -> dict[str, list[str]]:
+    """Of every shape and N_p the stiffest, the middle and the softest cell."""
+    groups = [g for _, g in table.groupby(["cell_shape", "periodicity"])]
+
+    def told(row) -> str:
+        gaps = [row[name] / 2 for name in ("gap", "gap_low", "gap_high")]
+        place = "{:.2f} ({:.2f} to {:.2f})".format(*gaps)
+        if math.isnan(gaps[0]):
+            place = "not in what was learnt"
+        return f"{place} at Ca {row['capillary_number']:.3g}"
+
+    return {
+        "cells": [g["cell_shape"].iloc[0] for g in groups],
+        "N_p": [str(g["periodicity"].iloc[0]) for g in groups],
+    } | {
+        name: [told(g.iloc[int(share * (len(g) - 1))]) for g in groups]
+        for name, share in (("stiffest", 0), ("between", 0.5), ("softest", 1))
+    }
 
 
 def info(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -162,6 +219,24 @@ def add_stiffness(commands) -> None:
         metavar="FILE",
         help="calibration, CSV or Parquet, instead of the one in the results folder",
     )
+
+
+def add_transition(commands) -> None:
+    """The command `transition`."""
+    parser = add_command(
+        commands,
+        "transition",
+        transition,
+        "critical gaps by the surrogate over the capillary number",
+        "transition --figure transition.png",
+    )
+    parser.add_argument(
+        "--results",
+        type=Path,
+        metavar="DIR",
+        help="campaign whose surrogate is asked; default: the campaign that comes with the package",
+    )
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw them there, as PNG")
 
 
 def add_info(commands) -> None:
