@@ -411,7 +411,8 @@ READS = {
     **dict.fromkeys(
         ("reference_pair", "critical_gap_point", "critical_gaps"), OUTCOME | {"reference"}
     ),
-    **dict.fromkeys(("designs", "search_regret"), DESIGN),
+    "designs": DESIGN | {"surrogate"},
+    "search_regret": DESIGN,
     "survey_plan": {"seed", "cell", "flow", "numerics", "stiffness_sets", "survey"},
     "survey_point": {"cell", "flow", "numerics", "run_control"},
     "survey": {"survey"},

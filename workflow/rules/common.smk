@@ -291,7 +291,7 @@ def design_settings(requests, *sections):
     }
 
 
-def search_settings(wildcards):
+def candidate_settings(wildcards):
     return {**learning_settings(wildcards), **design_settings(CONFIG.design_requests)}
 
 

@@ -50,7 +50,7 @@ rule designs:
         requests=f"{RESULTS}/design_requests.parquet",
         requests_csv=f"{RESULTS}/design_requests.csv",
     params:
-        settings=search_settings,
+        settings=candidate_settings,
     log:
         f"{RESULTS}/logs/designs.log",
     benchmark:
