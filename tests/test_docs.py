@@ -7,7 +7,7 @@ import shlex
 import pytest
 
 from dldsim.app import cli
-from tests.tutorial import ROOT, renewed
+from tests.pages import ROOT, renewed
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 LINK = re.compile(r"\]\(([^)#\s]+)[^)]*\)")
