@@ -17,7 +17,7 @@ export XDG_CACHE_HOME := $(CURDIR)/$(VENV)/cache
 export XDG_CONFIG_HOME := $(XDG_CACHE_HOME)
 endif
 
-.PHONY: campaign test quick docs web bench schema data architecture reference survey clean
+.PHONY: campaign test quick docs pages web bench schema data architecture reference survey clean
 
 campaign: $(VENV)/installed
 	$(BIN)/snakemake -j$(CORES) all
@@ -35,6 +35,9 @@ quick: $(VENV)/installed-dev  # the tests that take less than a second each
 
 docs: $(VENV)/installed-dev  # the pages as a site, in build/site
 	$(SITE)
+
+pages: $(VENV)/installed-dev  # outputs and figures of the packaged data in docs/
+	$(BIN)/python -m tests.pages
 
 web: $(VENV)/installed-web  # the page and the API that it asks, on localhost
 	$(BIN)/python -m dldsim serve both
