@@ -105,14 +105,13 @@ DEFORMABILITIES = ("deformation_index_{}", "stiffness_set_{}", "ks_{}_uN_per_m",
 """Fields of a cell type of which a request names one."""
 
 
-class DesignRequest(CellScatter):
-    """Two cell types to be separated, and the bounds of the search.
+class CellTypes(CellScatter):
+    """Two cell types and the flow that carries them.
 
     Each cell type has a shape, a radius, and one of: a deformation index by an assay, a stiffness
     set, a spring constant, or nothing that deforms it (a bead).
     """
 
-    name: Name = Field(description="letters, digits and hyphens, 64 at most")
     shape_1: Shape = Field("biconcave", description="rest shape of the first cell type")
     shape_2: Shape = Field("biconcave", description="rest shape of the second cell type")
     deformation_index_1: Fraction | None = Field(None, description="of the first cell type")
@@ -146,6 +145,23 @@ class DesignRequest(CellScatter):
     height_um: Annotated[float, Field(ge=0, le=1000)] | None = Field(
         None, description="channel height, 0: no top and bottom; default: the campaign's"
     )
+
+    @model_validator(mode="after")
+    def _one_name_per_cell(self) -> "CellTypes":
+        for i in "12":
+            others = f"shape_{i}", f"deformation_index_std_{i}"
+            check_cell_type(self, [key.format(i) for key in DEFORMABILITIES], *others)
+            variation = f"ks_cv_{i}"
+            for key in (f"deformation_index_std_{i}", f"rigid_{i}"):
+                if getattr(self, variation) is not None and getattr(self, key) not in (None, False):
+                    raise Unfit(f"one of {variation} and {key}", variation, key)
+        return self
+
+
+class DesignRequest(CellTypes):
+    """Two cell types to be separated, and the bounds of the search."""
+
+    name: Name = Field(description="letters, digits and hyphens, 64 at most")
     pillar_radius_um: Bounds = Field((4.0, 12.0), description="lowest and highest pillar radius")
     gap_um: Bounds = Field((12.0, 22.0), description="lowest and highest gap")
     periodicity: tuple[Periodicity, Periodicity] = Field(
@@ -205,14 +221,7 @@ class DesignRequest(CellScatter):
         return bounds
 
     @model_validator(mode="after")
-    def _one_name_per_cell(self) -> "DesignRequest":
-        for i in "12":
-            others = f"shape_{i}", f"deformation_index_std_{i}"
-            check_cell_type(self, [key.format(i) for key in DEFORMABILITIES], *others)
-            variation = f"ks_cv_{i}"
-            for key in (f"deformation_index_std_{i}", f"rigid_{i}"):
-                if getattr(self, variation) is not None and getattr(self, key) not in (None, False):
-                    raise Unfit(f"one of {variation} and {key}", variation, key)
+    def _footprint_has_its_objective(self) -> "DesignRequest":
         if self.footprint_max_mm2 is not None and self.objective != "purity-recovery":
             raise Unfit(
                 "footprint_max_mm2 with objective: purity-recovery, which alone chooses a length",

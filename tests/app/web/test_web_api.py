@@ -109,6 +109,10 @@ def test_a_design_is_answered_in_full(designed):
     assert {i["evaluator"] for i in result["importance"]} != {""}
     assert {t["parameter"] for t in result["tolerances"]} >= {"gap_um", "edge_um"}
     assert len({(s["x_parameter"], s["y_parameter"]) for s in result["slices"]}) == 3
+    leaving = result["at_outlets"]["device_outcomes"]
+    names = [f"request-candidate-{d}" for d in (1, 1, 2, 2)]
+    assert [row["device"] for row in leaving] == names
+    assert all(0 <= row["recovery"] <= 1 for row in leaving)
     assert designed["progress"]["stage"] == "done" and designed["progress"]["trial"] == 20
     assert set(result["seconds"]) == {"load", "search", "result", "files"}
     about = designed["provenance"]

@@ -21,7 +21,8 @@ from starlette.exceptions import HTTPException
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis.calibration import default_curves, stiffness_for
-from dldsim.app import design_answers
+from dldsim.app import design_answers, outcome_answers
+from dldsim.app.asked import ask
 from dldsim.app.web.api import models
 from dldsim.app.web.api.data import (
     Data,
@@ -38,9 +39,12 @@ from dldsim.app.web.api.models import UUID
 from dldsim.app.web.api.pool import Pool
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Busy, Job, Store
-from dldsim.config.explain import allowed_at
+from dldsim.app.web.api.worker import at_outlets
+from dldsim.config.design_sections import CellTypes, Device
+from dldsim.config.explain import allowed_at, validate
 from dldsim.design import finished_campaign, search
-from dldsim.design.populations import flow_of
+from dldsim.design.measured_cells import INDEX, RADIUS, STIFFNESS
+from dldsim.design.populations import doubt, flow_of, rows_of
 from dldsim.design.task import angle_interval, check_cell
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
@@ -57,6 +61,7 @@ MEDIA = {
 BODIES: dict[str, type[BaseModel]] = {
     "/designs": models.DesignSpec,
     "/optimize": models.OptimizeSpec,
+    "/outcome": models.OutcomeSpec,
     "/predict": models.PredictSpec,
     "/stiffness": models.StiffnessSpec,
     "/measurements": models.MeasurementsSpec,
@@ -65,6 +70,8 @@ OUTSIDE = (
     "This array or cell lies outside what was simulated: the prediction is extrapolated and "
     "its interval is the whole range that is possible."
 )
+FROM_TABLE = (RADIUS, INDEX, STIFFNESS)
+"""Keys of refusals that mean a column of measured cells."""
 Id = Annotated[str, Path(pattern=UUID, description="as it was answered by POST")]
 CampaignQuery = Annotated[
     str | None, Query(pattern=UUID, description="an uploaded campaign; left out: the service's own")
@@ -169,6 +176,7 @@ class Service:
         self.started = time.time()
         self.waited_for = 0
         self.uploads = threading.Semaphore(2)
+        self.outcomes = threading.Semaphore(2)
 
     @property
     def prefix(self) -> str:
@@ -228,7 +236,9 @@ class Service:
             request = spec.request
             populations = design_answers.resolve_by(known, request)
             chip = known.chip.at(flow_of(request, known.chip.flow))
-            search.check(search.Task(known.model, request, populations, chip, spec.seed))
+            asked = ask(request, populations, known.tables, spec.measured)
+            more = asked.sources, asked.history
+            search.check(search.Task(known.model, request, populations, chip, spec.seed, *more))
             if spec.verify and self.settings.verify_workers == 0:
                 raise DldsimError(
                     "verify = true: this service does not simulate.",
@@ -314,14 +324,16 @@ def _infeasible(spec: BaseModel, error: DldsimError) -> Refused:
     given = spec.model_dump()
     named = []
     for fault in error.faults:
+        tables = [k for k in given if k.endswith("_csv") and given[k] and k in str(fault)]
         for key in fault.keys:
-            value, *inner = given.get(key.partition(".")[0]), *key.split(".")[1:]
-            for part in inner:
-                value = value[int(part) if part.isdigit() else part]
-            if value is not None:
-                named.append(
-                    models.FieldProblem(field=key, value=_shown(value), message=str(fault))
-                )
+            for name in [key.removeprefix("device.")] if key not in FROM_TABLE else tables:
+                value, *inner = given.get(name.partition(".")[0]), *name.split(".")[1:]
+                for part in inner if value is not None else ():
+                    value = value[int(part) if part.isdigit() else part]
+                if value is not None:
+                    named.append(
+                        models.FieldProblem(field=name, value=_shown(value), message=str(fault))
+                    )
     return Refused(422, "infeasible", str(error), named)
 
 
@@ -657,6 +669,41 @@ def _add_questions(app: FastAPI, service: Service) -> None:
         )
 
     @app.post(
+        f"{PREFIX}/outcome",
+        response_model=models.OutcomeAnswer,
+        responses=_problems(404, 409, 429),
+        tags=["questions"],
+    )
+    def outcome(spec: models.OutcomeSpec) -> models.OutcomeAnswer:
+        """Purity and recovery of two populations at the outlets of one device."""
+        source = service.source(spec.campaign)
+        known = source.known
+        if not service.outcomes.acquire(blocking=False):
+            raise service.busy(SEARCH, "Two outcomes are being computed already.")
+        try:
+            request = spec.request
+            populations = design_answers.resolve_by(known, request)
+            asked = ask(request, populations, known.tables, spec.measured)
+            device = _device(known.chip.device, spec.device)
+            design = outcome_answers.Design(
+                "array", design_answers.geometry_of(spec.model_dump()), device, {}
+            )
+            found = outcome_answers.make_outcomes(asked, [design], known, spec.seed)
+        except DldsimError as error:
+            raise _infeasible(spec, error) from error
+        finally:
+            service.outcomes.release()
+        return models.OutcomeAnswer(
+            **at_outlets(found, asked.notes),
+            request=request.model_dump(include=set(CellTypes.model_fields) | {"tolerance_um"}),
+            device=device.model_dump(),
+            populations=rows_of(populations, request.name),
+            doubt=doubt(populations),
+            warnings=source.provenance.warnings,
+            provenance=source.provenance,
+        )
+
+    @app.post(
         f"{PREFIX}/stiffness",
         response_model=models.StiffnessAnswer,
         responses=_problems(404, 409),
@@ -804,6 +851,15 @@ def _add_questions(app: FastAPI, service: Service) -> None:
             queued=sum(n for s, n in states if s in ("queued", "waiting")),
             running=sum(n for s, n in states if s == "running"),
         )
+
+
+def _device(own: Device, given: dict[str, Any]) -> Device:
+    """The service's device with what a request gives. Raises DldsimError that names the fields."""
+    try:
+        return validate(Device, own.model_dump() | given)
+    except DldsimError as error:
+        text = "; ".join(fault.allowed for fault in error.faults)
+        raise DldsimError(f"The device: {text}.", key=error.keys) from error
 
 
 def calibration_of(source: Source):

@@ -11,8 +11,11 @@ from typing import Annotated, Any, Literal
 import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, Field, create_model, field_validator, model_validator
 
-from dldsim.config.design_sections import DesignRequest, Spring, check_cell_type
-from dldsim.config.sections import Fraction, Name, Section, Shape
+from dldsim.app.asked import Both, with_measured
+from dldsim.config.design_sections import CellTypes, DesignRequest, Device, Spring, check_cell_type
+from dldsim.config.sections import Fraction, Name, Section, Shape, Unfit
+from dldsim.design.measured_cells import Measured, read_measured
+from dldsim.errors import DldsimError
 from dldsim.tables.registry import COLUMNS
 
 LARGEST = {
@@ -56,6 +59,10 @@ SMALLEST = {
 }
 """Smallest values: positive ones below make numbers that overflow."""
 SETS_LENGTH = 64
+CSV_LENGTH = 100_000
+"""Characters of a table of measured cells: some ten thousand cells."""
+OUTCOME_DRAWS_MAX = 131_072
+"""Draws of the array times cells of an outcome that is waited for."""
 SEED_MAX = 2**31 - 1
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 CampaignId = Annotated[
@@ -111,10 +118,81 @@ class Problem(Answer):
 # ----------------------------------------------------------------------------------------- requests
 
 
-class DesignSpec(DesignRequest):
+def _in_range(cls: type[BaseModel], value: Any, info: Any) -> Any:
+    """Refuse what costs too much or overflows."""
+    least, most = SMALLEST.get(info.field_name), LARGEST[info.field_name]
+    for number in value if isinstance(value, tuple) else (value,):
+        if number is not None and number > most:
+            raise ValueError(f"this service takes up to {most:g}")
+        if number is not None and least is not None and number < least:
+            raise ValueError(f"this service takes {least:g} or more, up to {most:g}")
+    return value
+
+
+def in_range(*names: str) -> Any:
+    """Validator of a request's fields against LARGEST and SMALLEST."""
+    return field_validator(*names)(classmethod(_in_range))
+
+
+def _measured_csv(i: int) -> Any:
+    return Field(
+        None,
+        strict=True,
+        max_length=CSV_LENGTH,
+        description=f"measured cells of type {i}, the text of a CSV table with a column radius_um "
+        "and, where it was measured, deformation_index or ks_uN_per_m; their mean and spread take "
+        "the place of what the other fields say",
+    )
+
+
+class MeasuredCells(Section):
+    """Tables of measured cells in a request; its fields of mean and spread follow from them."""
+
+    population_1_csv: str | None = _measured_csv(1)
+    population_2_csv: str | None = _measured_csv(2)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _mean_and_spread(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        try:
+            return with_measured(values, _read_both(values))
+        except DldsimError as error:
+            raise Unfit(str(error), _csv_at_fault(values)) from error
+
+    @property
+    def measured(self) -> Both:
+        """Measured cells of both types, where there are any."""
+        return _read_both(self.model_dump(include={"population_1_csv", "population_2_csv"}))
+
+
+def _read_both(values: Any) -> Both:
+    """Measured cells of both types; what is no text is left to the validation of its field."""
+    first, second = (_read_csv(values.get(f"population_{i}_csv"), i) for i in (1, 2))
+    return first, second
+
+
+def _read_csv(text: Any, i: int) -> Measured | None:
+    if not isinstance(text, str) or len(text) > CSV_LENGTH:
+        return None
+    return read_measured(text.encode("utf-8", "replace"), f"population_{i}_csv")
+
+
+def _csv_at_fault(values: Any) -> str:
+    """Name of the table that cannot be read."""
+    try:
+        _read_csv(values.get("population_1_csv"), 1)
+    except DldsimError:
+        return "population_1_csv"
+    return "population_2_csv"
+
+
+class DesignSpec(MeasuredCells, DesignRequest):
     """Two cell types to be separated: a request of `python -m dldsim design`, and how to do it."""
 
     _no_flags = no_flags()
+    _in_range = in_range(*LARGEST)
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -137,17 +215,6 @@ class DesignSpec(DesignRequest):
     )
     campaign: CampaignId | None = None
 
-    @field_validator(*LARGEST)
-    @classmethod
-    def _in_range(cls, value: Any, info: Any) -> Any:
-        least, most = SMALLEST.get(info.field_name), LARGEST[info.field_name]
-        for number in value if isinstance(value, tuple) else (value,):
-            if number is not None and number > most:
-                raise ValueError(f"this service takes up to {most:g}")
-            if number is not None and least is not None and number < least:
-                raise ValueError(f"this service takes {least:g} or more, up to {most:g}")
-        return value
-
     @property
     def request(self) -> DesignRequest:
         """The request alone, as the command line has it."""
@@ -158,6 +225,83 @@ class OptimizeSpec(DesignSpec):
     """A request that is waited for; nothing is verified."""
 
     verify: Literal[False] = False
+
+
+DEVICE = ("array_length_mm", "array_width_mm", "sample_position_mm", "sample_width_um", "outlets")
+"""Settings of the device that a request may change."""
+
+
+def _of_device(name: str) -> Any:
+    field = Device.model_fields[name]
+    text = field.description.partition("; default")[0]
+    return Field(None, description=f"{text}; left out: the service's device")
+
+
+Millimetres = Annotated[float, Field(ge=0.01, le=100)]
+
+
+class OutcomeSpec(MeasuredCells, CellTypes):
+    """Two cell types and one array: the options of `python -m dldsim outcome`."""
+
+    _no_flags = no_flags()
+    _in_range = in_range(*(name for name in LARGEST if name in CellTypes.model_fields))
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "pillar_radius_um": 9.0,
+                    "gap_um": 12.0,
+                    "periodicity": 10,
+                    "stiffness_set_1": "3",
+                    "radius_1_um": 4.5,
+                    "radius_cv_1": 0.05,
+                    "stiffness_set_2": "3",
+                    "radius_2_um": 7.5,
+                    "radius_std_2_um": 0.4,
+                }
+            ]
+        }
+    )
+
+    pillar_radius_um: float = Field(ge=0.1, le=100, description="pillar radius P_r")
+    gap_um: float = Field(ge=0.1, le=200, description="gap P_g between pillar surfaces")
+    periodicity: int = Field(ge=2, le=100, description="rows N_p after which the array repeats")
+    stiffness_set_1: str | None = Field(
+        None, max_length=SETS_LENGTH, description="instead of deformation_index_1"
+    )
+    stiffness_set_2: str | None = Field(
+        None, max_length=SETS_LENGTH, description="instead of deformation_index_2"
+    )
+    tolerance_um: float = Field(0.5, ge=0, le=10, description="fabrication: ± on P_r and P_g")
+    array_length_mm: Millimetres | None = _of_device("array_length_mm")
+    array_width_mm: Millimetres | None = _of_device("array_width_mm")
+    sample_position_mm: Millimetres | None = _of_device("sample_position_mm")
+    sample_width_um: Annotated[float, Field(ge=0.1, le=1e5)] | None = _of_device("sample_width_um")
+    outlets: Annotated[int, Field(ge=2, le=20)] | None = _of_device("outlets")
+    seed: int = Field(1, ge=0, le=SEED_MAX, description="seed of everything random")
+    campaign: CampaignId | None = None
+
+    @model_validator(mode="after")
+    def _within_seconds(self) -> "OutcomeSpec":
+        if self.draws * self.cells > OUTCOME_DRAWS_MAX:
+            raise Unfit(
+                f"draws times cells at most {OUTCOME_DRAWS_MAX:,}, not {self.draws * self.cells:,}",
+                "draws",
+                "cells",
+            )
+        return self
+
+    @property
+    def request(self) -> DesignRequest:
+        """Both cell types as a request has them; its bounds of a search mean nothing."""
+        names = {*CellTypes.model_fields, "tolerance_um"}
+        return DesignRequest(name="outcome", **self.model_dump(include=names))
+
+    @property
+    def device(self) -> dict[str, Any]:
+        """What is given of the device."""
+        return self.model_dump(include=set(DEVICE), exclude_none=True)
 
 
 class PredictSpec(Section):
@@ -322,6 +466,10 @@ Importance = row_model("design_importance")
 SlicePoint = row_model("design_slices")
 VerificationRow = row_model("verifications")
 VerifiedDesign = row_model("verified_designs")
+DeviceOutcome = row_model("device_outcomes")
+DeviceOutlet = row_model("device_outlets")
+DevicePosition = row_model("device_positions")
+DeviceExit = row_model("device_exits")
 
 
 class Provenance(Answer):
@@ -400,6 +548,18 @@ class Verdict(Answer):
     verifications: list[VerificationRow] = []
 
 
+class AtOutlets(Answer):
+    """What leaves a device; shares are medians over draws of the array with their 90 % interval."""
+
+    device_outcomes: list[DeviceOutcome] = Field(
+        description="purity, recovery, enrichment of each cell type; a device each candidate"
+    )
+    device_outlets: list[DeviceOutlet] = Field(description="what each outlet gets")
+    device_positions: list[DevicePosition] = Field(description="places of the cells along it")
+    device_exits: list[DeviceExit] = Field(description="shares across the end of the array")
+    notes: list[str] = Field(description="what to know of measured cells and transients")
+
+
 class DesignResult(Answer):
     """The tables of a search."""
 
@@ -413,6 +573,7 @@ class DesignResult(Answer):
     tolerances: list[Tolerance] = Field(description="one thing off at a time, with sensitivity")
     importance: list[Importance]
     slices: list[SlicePoint] = Field(description="|| contour surfaces through the best candidate")
+    at_outlets: AtOutlets | None = Field(None, description="what comes out of the candidates")
     warnings: list[str] = Field(description="sentences about extrapolation and open questions")
     seconds: dict[str, float] = Field(description="load, search, files: seconds of each part")
 
@@ -482,6 +643,17 @@ class Prediction(Answer):
         description="from the training geometries, in units of their range; null: not measurable"
     )
     cell: CellType | None = Field(None, description="from what was measured to what acts")
+    warnings: list[str]
+    provenance: Provenance
+
+
+class OutcomeAnswer(AtOutlets):
+    """Purity and recovery of two populations at the outlets of one device."""
+
+    request: dict[str, Any] = Field(description="both cell types, with what measured cells gave")
+    device: dict[str, Any] = Field(description="the device that was looked at")
+    populations: list[CellType] = Field(description="from what was measured to what acts")
+    doubt: str = Field(description="said first: the assay does not tell the cell types apart")
     warnings: list[str]
     provenance: Provenance
 
@@ -603,6 +775,7 @@ class Health(Answer):
 def limits_of(model: type[BaseModel]) -> list[FieldLimit]:
     """Ranges, units, defaults and meanings of the fields of a request."""
     units = {"_um": "µm", "_deg": "°", "_kPa": "kPa", "_mm_s": "mm/s", "_uN_per_m": "µN/m"}
+    units |= {"_mm": "mm", "_mm2": "mm²", "_uL_per_h": "µL/h"}
     found = []
     for name, field in model.model_fields.items():
         schema = model.model_json_schema()["properties"][name]

@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from dldsim.app.web.api import models
 from dldsim.app.web.api.data import Data, table_rows
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import VERIFICATION, Job, Store
+from dldsim.design.device_outcome import DeviceOutcome, tables_of
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
 
@@ -109,7 +110,7 @@ class Worker:
         clock = time.perf_counter()
         _, _, budget = self.settings.campaign()
         made = design_answers.make_designs(
-            spec.request, source.known, spec.seed, budget, progress.trial
+            spec.request, source.known, spec.seed, budget, progress.trial, spec.measured
         )
         seconds["search"] = time.perf_counter() - clock
         clock = time.perf_counter()
@@ -159,6 +160,7 @@ class Worker:
             spec.seed,
             budget,
             lambda row: say(f"searching, trial {row['trial']}"),
+            spec.measured,
         )
         # finished releases are kept between attempts; the folder's name is an id of this service
         work = self.settings.state / "outcomes" / job.id
@@ -174,6 +176,7 @@ class Worker:
                     work=work,
                     files=folder / "files",
                     progress=say,
+                    measured=spec.measured,
                 )
                 design_answers.write_designs(made, known, folder, verdicts)
             except (DldsimError, Cancelled):
@@ -283,7 +286,16 @@ def result_of(made: design_answers.Made, source) -> dict[str, Any]:
         "tolerances": table_rows("design_tolerances", found.tolerances),
         "importance": table_rows("design_importance", found.importance),
         "slices": table_rows("design_slices", found.slices),
+        "at_outlets": at_outlets(made.devices, made.notes),
         "warnings": warnings_of(made, source),
+    }
+
+
+def at_outlets(devices: Sequence[DeviceOutcome], notes: Sequence[str]) -> dict[str, Any]:
+    """What leaves some devices, as an answer."""
+    tables = tables_of(devices)
+    return {kind: table_rows(kind, table) for kind, table in tables.items()} | {
+        "notes": list(notes)
     }
 
 
