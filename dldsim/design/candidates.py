@@ -11,6 +11,7 @@ from dldsim.analysis.domain import DOMAIN_TOLERANCE
 from dldsim.analysis.features import share_of
 from dldsim.config.design_sections import DesignRequest
 from dldsim.config.sections import Geometry
+from dldsim.design.motion import gap_error
 from dldsim.design.outlet_task import OBJECTIVE as OUTLETS
 from dldsim.design.task import DECIMALS, TINY, Task, extrapolated, fixed, violations
 from dldsim.experiments.migration import mode_of
@@ -52,7 +53,7 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         separation_tolerance_max_deg=largest,
         sigma_num_deg=np.nan if first is None or second is None else np.hypot(first, second),
         uncertainty_deg=np.hypot(*task.half_widths(*place)),
-        mode_open=open_modes(task, table, sigma),
+        mode_open=open_modes(task, table),
     )
     outlets = request.objective == OUTLETS
     table = table.assign(behind=table["mode_open"] & outlets).sort_values(
@@ -258,27 +259,27 @@ def shifted(design: Mapping[str, Any], parameter: str, offset: float) -> tuple[f
     return max(radius, 1e-3), max(gap, 1e-3), int(design["periodicity"])
 
 
-def open_modes(
-    task: Task, table: pd.DataFrame, sigma_deg: Sequence[np.ndarray | None]
-) -> np.ndarray:
-    """Whether the mode of a cell type is open, (n,): its prediction interval, or ± σ_num, spans
-    OPEN_SPAN of the bump displacement."""
-    place = [table[name].to_numpy() for name in GEOMETRY]
-    spans = [
-        share_of(high, place[2]) - share_of(low, place[2]) for low, high in task.intervals(*place)
-    ]
-    spans += [2 * share_of(sigma, place[2]) for sigma in sigma_deg if sigma is not None]
-    return np.max(spans, axis=0) >= OPEN_SPAN
+def open_modes(task: Task, table: pd.DataFrame) -> np.ndarray:
+    """Whether the mode of a cell type is open, (n,): its prediction interval, or what two standard
+    deviations of the numerical error of the gap make of it, spans OPEN_SPAN of the bump
+    displacement."""
+    radius, gap, rows = (table[name].to_numpy() for name in GEOMETRY)
+    ends = task.intervals(radius, gap, rows)
+    off = np.exp(2 * gap_error(task.surrogate))
+    ends += zip(*(task.angles(radius, at, rows) for at in (gap * off, gap / off)), strict=True)
+    spans = [share_of(high, rows) - share_of(low, rows) for low, high in ends]
+    return np.abs(spans).max(axis=0) >= OPEN_SPAN
 
 
 def with_outlets(task: Task, designs: pd.DataFrame) -> pd.DataFrame:
     """Candidates with the value that their outlets have with all draws, best first."""
-    values = [
-        task.outlets.outcome("", Geometry(**{n: row[n] for n in GEOMETRY})).split.robust
+    splits = [
+        task.outlets.outcome("", Geometry(**{n: row[n] for n in GEOMETRY})).split
         for row in designs.to_dict("records")
     ]
-    return designs.assign(value=values).sort_values(
-        ["inside_training_domain", "behind", "value"], ascending=[False, True, False], kind="stable"
+    values = {name: [getattr(s, name) for s in splits] for name in ("robust", "score")}
+    return designs.assign(value=values["robust"], score=values["score"]).sort_values(
+        ["inside_training_domain", "behind", "score"], ascending=[False, True, False], kind="stable"
     )
 
 

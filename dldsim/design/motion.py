@@ -17,6 +17,11 @@ from dldsim.vocabulary import DECIDED
 FEWEST = 5
 """Outcomes of a mode from which its lags are taken; of fewer, those of all modes are."""
 LEVELS = np.linspace(0, 0.99, 100)
+NUMERICAL_GAP = 0.05
+"""Relative standard deviation of the gap at which a mode changes: the transition distance of the
+reference study was off by σ_d = 0.05 and 0.1 row shifts on its two sides, and falls by 0.6 and 2
+for a unit of ln P_g there. The one critical gap that was followed to finer lattices was 3 % too
+wide (docs/reference.md)."""
 SAME = 1e-4
 """Relative difference of lengths and Ca that counts as none."""
 BEYOND = 1e3
@@ -129,34 +134,50 @@ def motion_of(
         return model.inside_domain(*place, in_flow(cells.radius_um, cells.ks_uN_per_m))
 
     limits = tuple(model.card["conformal"]["range"])
+    place = np.array([geometry.pillar_radius_um]), np.array([geometry.gap_um])
+    mean = np.array([population.radius_um]), np.array([population.stiffness.ks_uN_per_m])
+    predicted = float(share(*place, *mean)[0])
     if simulated is None or simulated.get("migration_angle_deg") is None:
-        off, sigma = _conformal(model, shape), _numerical(model)
+        scores = model.card["conformal"]["scores"].get(shape, [])
+        off = _conformal(scores, predicted, limits)
         coexisting, basis = history.coexisting, "predicted"
     else:
-        place = np.array([geometry.pillar_radius_um]), np.array([geometry.gap_um])
-        ks = population.stiffness.ks_uN_per_m
-        predicted = share(*place, np.array([population.radius_um]), np.array([ks]))
         off = _known(predicted, simulated, limits)
-        bump = np.degrees(np.arctan(1 / rows))
-        known = (simulated.get("sigma_num_deg") or 0.0) / bump
-
-        def sigma(values: np.ndarray) -> np.ndarray:
-            return np.full_like(values, known)
-
         coexisting = float(simulated["status"] == "coexisting")
         basis = f"simulated in this array: {simulated['status']}"
-    notes = "; ".join([basis, *history.notes])
-    lags = history.lags
-    return Motion(Predictor(share, off, sigma, limits, lags, coexisting), inside, notes)
+    numerical = gap_error(model)
+    unknown = () if numerical else ("numerical error not studied",)
+    notes = "; ".join([basis, *unknown, *history.notes])
+    predictor = Predictor(share, off, numerical, limits, history.lags, coexisting)
+    return Motion(predictor, inside, notes)
 
 
-def _conformal(model: Surrogate, shape: str) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Shares with the error at a signed level of the conformal interval."""
-    factors = error_factors(model.card["conformal"]["scores"].get(shape, []))
+def gap_error(model: Surrogate) -> float:
+    """Relative standard deviation of a critical gap by the numerics; 0 where they were not studied.
+
+    NUMERICAL_GAP is that of the numerics of the reference study, which alone give σ_num.
+    """
+    return NUMERICAL_GAP if model.card["numerical_uncertainty"]["share_by_mode"] else 0.0
+
+
+def _conformal(
+    scores: Sequence[Sequence[float]], predicted: float, limits: tuple[float, float]
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Shares with the error at a signed level of the conformal interval.
+
+    Where the share of the mean cell, ``predicted``, leaves no room for an error on the side that
+    was drawn, and the other side does, the error is on the other side: there it was seen.
+    """
+    factors = error_factors(scores)
+    up, down = limits[1] - predicted, predicted - limits[0]
 
     def off(share: np.ndarray, deviate: np.ndarray) -> np.ndarray:
-        factor = np.sign(deviate) * np.interp(np.abs(deviate), LEVELS, factors)
-        return np.clip(share + factor * spread_of(share), *model.card["conformal"]["range"])
+        factor = np.interp(np.abs(deviate), LEVELS, factors)
+        error = factor * spread_of(predicted)
+        room, other = np.where(deviate > 0, up, down), np.where(deviate > 0, down, up)
+        turned = (error > room) & (error <= other)
+        sign = np.where(turned, -1, 1) * np.sign(deviate)
+        return np.clip(share + sign * factor * spread_of(share), *limits)
 
     return off
 
@@ -174,7 +195,7 @@ def error_factors(scores: Sequence[Sequence[float]]) -> np.ndarray:
 
 
 def _known(
-    predicted: np.ndarray, simulated: Mapping[str, Any], limits: tuple[float, float]
+    predicted: float, simulated: Mapping[str, Any], limits: tuple[float, float]
 ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Shares moved as the simulated one differs from that predicted, anywhere in its interval."""
     rows = simulated["periodicity"]
@@ -189,15 +210,3 @@ def _known(
         return np.clip(share + score * spread_of(share), *limits)
 
     return off
-
-
-def _numerical(model: Surrogate) -> Callable[[np.ndarray], np.ndarray]:
-    """σ_num of shares, by mode as the surrogate's card has it; none where it was not studied."""
-    by_mode = model.card["numerical_uncertainty"]["share_by_mode"]
-    most = max(by_mode.values(), default=0.0)
-    zigzag, mixed, bump = (by_mode.get(name, most) for name in MODES)
-
-    def sigma(share: np.ndarray) -> np.ndarray:
-        return np.select([share >= BUMP_FROM, share > ZIGZAG_TO], [bump, mixed], zigzag)
-
-    return sigma

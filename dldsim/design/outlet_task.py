@@ -79,9 +79,9 @@ class OutletTask:
         length = float(self.length_mm(*place)[0])
         return self.chip.device.model_copy(update={"array_length_mm": length})
 
-    def robust(self, radius, gap, periodicity) -> np.ndarray:
-        """Smallest purity or recovery (n,) that nine of ten draws exceed, with the draws of a
-        search."""
+    def score(self, radius, gap, periodicity) -> np.ndarray:
+        """Score (n,) of the outlets, with the draws of a search: the smallest purity or recovery
+        that nine of ten draws exceed, and a little of its mean."""
         return np.array(
             [
                 self._outcome(
@@ -90,7 +90,7 @@ class OutletTask:
                     Geometry(pillar_radius_um=r, gap_um=g, periodicity=int(n)),
                     cuts=SEARCH_CUTS,
                     along=False,
-                ).split.robust
+                ).split.score
                 for r, g, n in zip(radius, gap, periodicity, strict=True)
             ]
         )

@@ -8,7 +8,7 @@ taken over the cells of a device, and their intervals over the devices.
 |---|---|
 | P_r and P_g within the fabrication tolerance | radius and stiffness |
 | error of the prediction, for each population | place of entry across the sample stream |
-| numerical error, for each population | how far it falls behind in the first period |
+| numerical error: at which gap a mode changes | how far it falls behind in the first period |
 | whether motions coexist, for each population | which of the coexisting motions it takes |
 
 A cell that has settled moves by s · λ/N_p a row, s its share of the bump displacement. In the first
@@ -62,7 +62,8 @@ class Devices(NamedTuple):
     """What is drawn once for each device: (D,), and (2, D) where it is for each population.
 
     ``off_radius_um``, ``off_gap_um``: fabrication; ``deviate``: place within the prediction's
-    error, −1 to 1 (`Predictor.off`); ``numerical``: standard normal; ``coexist``: 0 to 1.
+    error, −1 to 1 (`Predictor.off`); ``numerical``: standard normal, in units of
+    `Predictor.gap_error`; ``coexist``: 0 to 1.
     """
 
     off_radius_um: np.ndarray
@@ -77,15 +78,16 @@ class Predictor(NamedTuple):
 
     ``share(pillar_radius_um, gap_um, radius_um, ks_uN_per_m)``: share of the bump displacement,
     (n,) for arguments (n,), at the periodicity of the array. ``off(share, deviate)``: the same with
-    the error at that signed level of its two-sided interval, −1 to 1. ``sigma(share)``: numerical
-    uncertainty as a share. ``range``: least and largest share there is. ``lags``: by mode, measured
-    lags in pitches, (n,). ``coexisting``: chance that a share between the modes is a mixture of
-    cells that bump and cells that do not, and not one motion of all.
+    the error at that signed level of its two-sided interval, −1 to 1. ``gap_error``: standard
+    deviation, relative, of the gap at which a mode changes, as the numerics move it; a share is
+    that predicted at a gap so much wider or narrower. ``range``: least and largest share there is.
+    ``lags``: by mode, measured lags in pitches, (n,). ``coexisting``: chance that a share between
+    the modes is a mixture of cells that bump and cells that do not, and not one motion of all.
     """
 
     share: Callable[..., np.ndarray]
     off: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    sigma: Callable[[np.ndarray], np.ndarray]
+    gap_error: float
     range: tuple[float, float]
     lags: Mapping[str, np.ndarray]
     coexisting: float
@@ -147,10 +149,10 @@ def make_paths(
             cells.ks_uN_per_m,
         )
     )
-    at = (v.ravel() for v in (radius, gap, size, stiffness))
+    moved = gap * np.exp(predictor.gap_error * devices.numerical[population])[:, None]
+    at = (v.ravel() for v in (radius, moved, size, stiffness))
     share = np.asarray(predictor.share(*at), float).reshape(radius.shape)
     share = predictor.off(share, devices.deviate[population][:, None])
-    share = share + devices.numerical[population][:, None] * predictor.sigma(share)
     share = np.clip(share, *predictor.range)
     between = (share > ZIGZAG_TO) & (share < BUMP_FROM)
     mixture = between & (devices.coexist[population] < predictor.coexisting)[:, None]
@@ -174,6 +176,8 @@ class Split(NamedTuple):
     (2, D) for each population and device, but ``value`` (D,), the smallest of both purities and
     both recoveries, and ``robust``, which EXCEEDED_BY of the devices exceed. ``upper``: the
     population, 0 or 1, that the upper outlet collects; the lower one collects the other.
+    ``score``: by which splits are compared, robust and, to order those of which nothing is sure, a
+    little of the mean value.
     """
 
     cut_um: float
@@ -182,6 +186,7 @@ class Split(NamedTuple):
     recovery: np.ndarray
     value: np.ndarray
     robust: float
+    score: float
 
 
 def below(paths: Paths, cuts_um: np.ndarray, x_um: float) -> tuple[np.ndarray, np.ndarray]:
@@ -248,7 +253,7 @@ def best_split(
     value = value_of(purity, recovery)
     fed = ~np.isnan(value).any(axis=(0, 2))  # devices that a cell enters
     robust = np.quantile(value[:, fed], 1 - EXCEEDED_BY, axis=1)
-    score = robust + EQUALS * value[:, fed].mean(axis=1)
+    score = (robust + EQUALS * value[:, fed].mean(axis=1)) / (1 + EQUALS)
     upper = int(score[1].max() >= score[0].max())
     k = middle_of_best(score[upper])
     return Split(
@@ -258,6 +263,7 @@ def best_split(
         recovery[:, upper, :, k],
         value[upper, :, k],
         float(robust[upper, k]),
+        float(score[upper, k]),
     )
 
 

@@ -180,7 +180,7 @@ class Task:
             value = np.full(len(separation), np.nan)
             best = np.argsort(-separation, kind="stable")[:OUTLETS_CHECKED]
             place = (np.asarray(v)[best] for v in (radius, gap, periodicity))
-            value[best] = self.outlets.robust(*place)
+            value[best] = self.outlets.score(*place)
         return {
             "angle_1_deg": first,
             "angle_2_deg": second,

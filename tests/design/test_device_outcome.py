@@ -215,7 +215,7 @@ def test_a_sample_flow_that_no_array_gives_is_refused():
 
 def test_the_value_of_a_search_is_that_of_the_candidate():
     made = task(radius_2_um=7.5, radius_std_2_um=0.5)
-    [quick] = made.robust([7.0], [16.0], [10])
+    [quick] = made.score([7.0], [16.0], [10])
     assert quick == pytest.approx(made.outcome("d", GEOMETRY).split.robust, abs=0.02)
 
 

@@ -24,9 +24,9 @@ ARRAY = Array(7.0, 16.0, 10, 5000.0, 2000.0)
 NO_LAG = dict.fromkeys(MODES, np.zeros(1))
 
 
-def predictor(share, off=lambda s, u: s, sigma=np.zeros_like, **others):
-    given = {"range": (-9.0, 9.0), "lags": NO_LAG, "coexisting": 0.0} | others
-    return Predictor(share, off, sigma, **given)
+def predictor(share, off=lambda s, u: s, **others):
+    given = {"gap_error": 0.0, "range": (-9.0, 9.0), "lags": NO_LAG, "coexisting": 0.0} | others
+    return Predictor(share, off, **given)
 
 
 def cells(radius=7.0, start=500.0, count=4096, squeezed=0.0):
@@ -95,12 +95,13 @@ def test_robust_is_what_nine_of_ten_devices_exceed():
     assert best_split(paths, (0.5, 0.5), np.array([550.0])).robust == pytest.approx(1.0)
 
 
-def test_numerical_error_is_shared_by_a_device():
+def test_numerical_error_is_a_gap_that_a_device_shares():
     two = devices(2, numerical=np.array([[1.0, -1.0], [0.0, 0.0]]))
-    known = predictor(lambda r, g, size, ks: 0.5 + 0 * ks, sigma=lambda s: 0.1 + 0 * s)
-    path = make_paths(ARRAY, cells(), two, 0, known)
-    np.testing.assert_allclose(path.share[0], 0.6)
-    np.testing.assert_allclose(path.share[1], 0.4)
+    known = predictor(lambda r, g, size, ks: g / 100, gap_error=0.1)
+    path = make_paths(ARRAY, cells(squeezed=15.9), two, 0, known)
+    np.testing.assert_allclose(path.share[0], 0.16 * np.exp(0.1))
+    np.testing.assert_allclose(path.share[1], 0.16 * np.exp(-0.1))
+    assert not path.lost.any()  # the gap itself is as wide as it is
 
 
 def test_fabrication_reaches_the_prediction_and_the_pitch_stays():
@@ -165,7 +166,7 @@ def test_length_at_which_a_value_is_reached():
     """Without scatter the populations part as soon as their edges pass the cut."""
     apart = tuple(
         make_paths(
-            ARRAY,
+            ARRAY._replace(length_um=900.0),
             cells()._replace(start_um=np.linspace(470, 530, 4096)),
             devices(),
             k,
@@ -177,7 +178,7 @@ def test_length_at_which_a_value_is_reached():
     assert found.value[0, 0] == pytest.approx(0.5, abs=0.01)
     assert found.value[-1, 0] == pytest.approx(1.0)
     # two bands 60 µm wide that are d apart: the value is 1/2 + d/120 until d = 60, x = 10 d
-    np.testing.assert_allclose(found.lengths_um[:, 0], [480, 540], atol=15)
+    np.testing.assert_allclose(found.lengths_um[:, 0], [480, 540], atol=5)
 
 
 def test_first_reached_interpolates():
