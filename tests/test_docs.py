@@ -7,6 +7,7 @@ import shlex
 import pytest
 
 from dldsim.app import cli
+from dldsim.tables.parquet import read_table
 from tests.pages import ROOT, renewed
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -93,3 +94,45 @@ def test_the_answers_in_the_readme_are_those_of_its_commands(answers):
         for row in (rows[0], rows[-1])
     )
     assert f"falls from {stiffest} for the stiffest to {softest} for the softest" in told
+
+
+def test_the_numbers_on_trust_are_those_of_the_packaged_data():
+    told = " ".join((ROOT / "docs" / "trust.md").read_text("utf-8").split())
+    data = ROOT / "dldsim" / "data"
+    outcomes = read_table("outcomes", data / "campaign" / "outcomes.parquet")
+    card = json.loads((data / "campaign" / "surrogate_card.json").read_text())
+    sigma = json.loads((data / "reference_outcomes" / "sigma_num.json").read_text())
+    shut = outcomes[~outcomes["mode_open"].astype(bool)]["sigma_num_deg"]
+    coexisting = (outcomes["status"] == "coexisting").sum()
+    by = [card["scores_by_geometry"], *map(card["scores_by_shape"].get, ("biconcave", "sphere"))]
+    held = {(m["shape"], m["level"]): m for m in card["conformal"]["measured"]}
+
+    def row(name: str, form: str, key: str) -> str:
+        return f"| {name} | " + " | ".join(form.format(s[key]) for s in by) + " |"
+
+    def cover(level: float) -> str:
+        cells = (
+            f"{100 * m['coverage']:.0f} ± {100 * m['coverage_error']:.0f} %; "
+            f"{m['mean_half_width_deg']:.1f}°"
+            for m in (held[shape, level] for shape in ("biconcave", "sphere"))
+        )
+        name = f"{100 * level:.0f} % intervals that held; mean half-width"
+        return f"| {name} | | {' | '.join(cells)} |"
+
+    for said in (
+        f"Of the {len(outcomes)} outcomes of the packaged campaign {len(shut)} have a mode that is "
+        f"not open, with σ_num of {shut.median():.2f}° in the median and {shut.max():.2f}° at most",
+        f"these are {coexisting} of {len(outcomes)}",
+        f"{coexisting} of {len(outcomes)} outcomes have two motions",
+        f"hold {sigma['check']['within_2_sigma']} of the {sigma['check']['pairs']} within 2 σ and "
+        f"{sigma['check']['within_1_sigma']} within 1 σ",
+        f"{sigma['distance']['bump lane']['rms']:.3f} row shifts in the bump lane and "
+        f"{sigma['distance']['no bump lane']['rms']:.3f} outside",
+        f"{100 * sigma['share']['rms']:.1f} % of the bump angle",
+        row("R²", "{:.2f}", "r2"),
+        row("median error", "{:.2f}°", "median_absolute_error_deg"),
+        row("root mean square error", "{:.2f}°", "rmse_deg"),
+        cover(0.9),
+        cover(0.68),
+    ):
+        assert said in told

@@ -380,3 +380,14 @@ def test_closed_pipe_is_no_error():
         ["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0 and "Traceback" not in done.stderr
+
+
+def test_transition_answers_and_draws(capsys, tmp_path):
+    code, found, _ = call(capsys, "transition", "--figure", tmp_path / "map.png")
+    assert code == 0 and Image.open(tmp_path / "map.png").format == "PNG"
+    known = [row for row in found["rows"] if row["gap"] is not None]
+    assert {row["periodicity"] for row in known} >= {6, 8}
+    assert all(row["gap_low"] <= row["gap"] <= row["gap_high"] for row in known)
+    (tmp_path / "folder").mkdir()
+    code, _, told = call(capsys, "transition", "--figure", tmp_path / "folder")
+    assert code == 2 and "--figure" in told
