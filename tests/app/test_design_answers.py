@@ -6,6 +6,7 @@ from dldsim.analysis.domain import domains_of
 from dldsim.app import design_answers
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.design import finished_campaign
+from dldsim.design.verified import Verdicts
 from tests.analysis.made_outcomes import make_survey
 
 
@@ -19,8 +20,10 @@ def asked(campaign, monkeypatch, tmp_path):
 
     def verify(model, outcomes, request, chip, budget, populations, simulator, seed, **more):
         seen.update(chip=chip, populations=populations, simulator=simulator, **more)
+        return Verdicts(*(None for _ in Verdicts._fields))
 
     monkeypatch.setattr(design_answers, "verify", verify)
+    monkeypatch.setattr(design_answers, "devices_of", lambda *arguments: [])
     monkeypatch.setattr(design_answers, "export", lambda *arguments: {})
     settings = known.settings | {"seed": 1, "verification": Verification().model_dump()}
 
