@@ -81,8 +81,8 @@ def test_the_answers_in_the_readme_are_those_of_its_commands(answers):
     )
     found = answers["stiffness"]
     assert (
-        f"k_s {found['ks_uN_per_m']:.1f} µN/m, between {found['ks_uN_per_m_low']:.1f} (the softest "
-        f"calibrated) and {found['ks_uN_per_m_high']:.1f}" in told
+        f"k_s {found['ks_uN_per_m']:.1f} µN/m, between {found['ks_uN_per_m_low']:.1f} and "
+        f"{found['ks_uN_per_m_high']:.1f}" in told
     )
     rows = [
         row
