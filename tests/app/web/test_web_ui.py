@@ -158,7 +158,7 @@ def test_toolbar_of_charts_stays_in_the_margin():
     layout = charts.TEMPLATE.layout
     assert layout.modebar.orientation == "v" and layout.margin.r >= 45
     assert layout.legend.x == 0 and layout.legend.orientation == "h"
-    assert charts.index_strip((0.5, 0.7), [(0.6, 0.01)]).layout.margin.r >= 45
+    assert charts.index_strip((0.5, 0.7), {1: (0.6, 0.01)}).layout.margin.r >= 45
 
 
 def test_cancelled_and_failed_searches_say_so(service):
@@ -453,3 +453,109 @@ def test_allowed_range_in_words(low, high, open_, words):
         description="",
     )
     assert allowed(limit) == words
+
+
+# ----------------------------------------------------------------------------- cells and outlets
+
+
+def test_cells_of_any_shape_and_scatter_are_asked_for(service):
+    page = opened()
+    page.radio(key="form:shape_1").set_value("sphere").run()
+    page.radio(key="form:by_1").set_value("bead").run()
+    page.radio(key="form:by_2").set_value("spring constant k_s").run()
+    page.number_input(key="form:ks_2_uN_per_m").set_value(12.0)
+    page.number_input(key="form:radius_std_1_um").set_value(0.3)
+    page.number_input(key="form:velocity_mm_s").set_value(1.5)
+    page.radio(key="form:objective").set_value("purity-recovery").run()
+    page.number_input(key="form:footprint_max_mm2").set_value(8.0).run()
+    button(sound(page), "Search for designs").click().run()
+    [request] = sent(service, "POST", "/designs")
+    spec = models.DesignSpec(**json.loads(request.content))
+    assert spec.rigid_1 and spec.shape_1 == "sphere" and spec.radius_std_1_um == 0.3
+    assert (spec.ks_2_uN_per_m, spec.velocity_mm_s, spec.height_um) == (12.0, 1.5, None)
+    assert (spec.objective, spec.footprint_max_mm2) == ("purity-recovery", 8.0)
+
+
+def test_a_bead_becomes_a_cell_again_with_its_shape(service):
+    page = opened()
+    page.radio(key="form:shape_1").set_value("sphere").run()
+    page.radio(key="form:by_1").set_value("bead").run()
+    page.radio(key="form:shape_1").set_value("biconcave").run()
+    assert page.radio(key="form:by_1").value == "deformation index"
+    assert "bead" not in page.radio(key="form:by_1").options
+
+
+def test_measured_cells_are_sent_as_they_are_and_can_be_removed(service):
+    table = "radius_um\n6.0\n6.5\n"
+    page = opened()
+    page.session_state["form:population_1_csv"] = table
+    page = sound(page.run())
+    assert "2 measured cells" in texts(page)
+    button(page, "Search for designs").click().run()
+    spec = models.DesignSpec(**json.loads(sent(service, "POST", "/designs")[0].content))
+    assert spec.population_1_csv == table and spec.radius_1_um == 6.25
+    page = sound(opened())
+    page.session_state["form:population_1_csv"] = table
+    page.run()
+    button(page, "Remove the table").click().run()
+    assert "measured cells" not in texts(sound(page))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_tables_of_spreadsheets_become_text(encoding):
+    from dldsim.app.web.ui.cells_form import text_of
+
+    assert text_of("radius_um;größe\n5,1;1".encode(encoding)) == "radius_um;größe\n5,1;1"
+
+
+def test_outlets_of_a_candidate_are_shown_with_intervals(service):
+    spec = models.DesignSpec(stiffness_set_1="1", stiffness_set_2="3")
+    service.designs[ID] = service.status(ID, spec, "done")
+    page = sound(opened(design=ID))
+    shown = texts(page)
+    assert "At the outlets" in shown and "exceed **81%**" in shown
+    tables = [t.value for t in page.dataframe]
+    assert any("90.0% (80.0% to 95.0%)" in t.to_string() for t in tables)
+    assert "transients as \\*outcomes\\* have them" in shown
+
+
+def test_outcome_of_an_own_array(service):
+    page = sound(run_page("outcome_page"))
+    button(page, "Compute the outcome").click().run()
+    [asked] = sent(service, "POST", "/outcome")
+    spec = models.OutcomeSpec(**json.loads(asked.content))
+    assert (spec.gap_um, spec.periodicity, spec.array_length_mm) == (12.0, 10, None)
+    shown = texts(sound(page))
+    assert "does not tell the two cell types apart" in shown and "At the outlets" in shown
+    page.number_input(key="form:outcome_gap_um").set_value(13.0).run()
+    assert "changed since" in texts(sound(page))
+
+
+def test_refused_outcome_is_shown_at_its_field(service):
+    found = problem("infeasible", "outlets = 9: too many", "outlets")
+    service.refuse["POST /outcome"] = 422, found
+    page = run_page("outcome_page")
+    button(page, "Compute the outcome").click().run()
+    assert texts(sound(page)).count("outlets = 9\\: too many") == 2
+
+
+def test_fan_has_both_populations_the_walls_and_the_cut():
+    from dldsim.app.web.ui import outlet_charts
+
+    found = models.AtOutlets(**web_page_fake.at_outlets(["array"]))
+    rows = (found.device_positions, found.device_exits, found.device_outlets)
+    figure = outlet_charts.fan(*([r.model_dump() for r in part] for part in rows), 500.0)
+    lines = [t for t in figure.data if t.type == "scatter" and t.name]
+    assert [list(t.x) for t in lines] == [[0.0, 2.5, 5.0]] * 2
+    assert lines[1].y[-1] == 400 + 5 * 2 * 40 + 50
+    assert [sum(t.x) for t in figure.data if t.type == "bar"] == [1.0, 1.0]
+    assert {s.y0 for s in figure.layout.shapes} == {500.0}
+    low, high = figure.layout.yaxis.range
+    assert low < 405 and high > 895
+
+
+def test_csv_of_an_outcome_leaves_unknown_values_empty():
+    from dldsim.app.web.ui.outlets_chapter import as_csv, interval
+
+    assert as_csv([{"purity": None, "recovery": 0.5}]) == "purity,recovery\n,0.5\n"
+    assert interval({"purity": None}, "purity") == "–"

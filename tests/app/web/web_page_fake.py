@@ -37,6 +37,7 @@ ABOUT = models.Provenance(
     },
     warnings=["1 run had not settled"],
 )
+SHAPES = ("biconcave", "sphere")
 ARRAYS = [[r, g, n] for r in (5.0, 7.0, 9.0) for g in (12.0, 16.0, 20.0) for n in (4, 8, 12)]
 
 
@@ -63,6 +64,57 @@ def row(kind: str, **given):
             else 1,
         )
     return models.row_model(kind)(**found)
+
+
+def at_outlets(devices: list[str]) -> dict:
+    """What leaves some devices: a cell type above and one below a wall at 500 µm."""
+    return {
+        "device_outcomes": [
+            row(
+                "device_outcomes",
+                device=d,
+                population=p,
+                outlet=("lower", "upper")[p - 1],
+                purity=0.9,
+                purity_low=0.8,
+                purity_high=0.95,
+                recovery=0.97,
+                recovery_low=0.9,
+                recovery_high=0.99,
+                cut_um=500.0,
+                purity_recovery=0.81,
+            )
+            for d in devices
+            for p in (1, 2)
+        ],
+        "device_outlets": [
+            row("device_outlets", device=d, outlet=k + 1, low_um=500.0 * k, high_um=1e3)
+            for d in devices
+            for k in (0, 1)
+        ],
+        "device_positions": [
+            row(
+                "device_positions",
+                device=d,
+                population=p,
+                x_mm=x,
+                **{
+                    f"y_{q}_um": 400.0 + x * p * 40 + float(q)
+                    for q in ("05", "25", "50", "75", "95")
+                },
+            )
+            for d in devices
+            for p in (1, 2)
+            for x in (0.0, 2.5, 5.0)
+        ],
+        "device_exits": [
+            row("device_exits", device=d, population=p, low_um=y, high_um=y + 20.0, cells=0.5)
+            for d in devices
+            for p in (1, 2)
+            for y in (480.0, 520.0)
+        ],
+        "notes": ["transients as *outcomes* have them"],
+    }
 
 
 def result(spec: models.DesignSpec) -> models.DesignResult:
@@ -174,6 +226,9 @@ def result(spec: models.DesignSpec) -> models.DesignResult:
             row("design_importance", parameter=p, importance=v, evaluator="made-up")
             for p, v in zip(axes, (0.5, 0.3, 0.2), strict=True)
         ],
+        at_outlets=models.AtOutlets(
+            **at_outlets([f"{spec.name}-candidate-{d.design}" for d in designs])
+        ),
         warnings=["The best candidate is extrapolated."],
         seconds={"load": 0.1, "search": 2.0, "files": 1.0},
     )
@@ -220,12 +275,14 @@ class Fake:
 
     def get_model(self, request, _) -> httpx.Response:
         about = ABOUT.model_copy(update={"campaign": request.url.params.get("campaign")})
+        geometries = [[r / 7.5, g / 7.5, n] for r, g, n in ARRAYS]
         return self.answer(
             models.ModelInfo(
                 card={},
                 deformation_index_range=(LOW, HIGH),
                 domain={
-                    "geometries": [[r / 7.5, g / 7.5, n] for r, g, n in ARRAYS],
+                    "shapes": {shape: {"geometries": geometries} for shape in SHAPES},
+                    "geometries": geometries,
                     "ranges": {},
                     "arrays": ARRAYS,
                 },
@@ -375,6 +432,20 @@ class Fake:
                 cell_shape="biconcave",
                 cell_radius_um=7.5,
                 truncated=True,
+                provenance=ABOUT,
+            )
+        )
+
+    def post_outcome(self, request, _) -> httpx.Response:
+        spec = models.OutcomeSpec(**json.loads(request.content))
+        return self.answer(
+            models.OutcomeAnswer(
+                **at_outlets(["array"]),
+                request=spec.request.model_dump(mode="json"),
+                device=spec.device,
+                populations=[],
+                doubt="The assay does not tell the two cell types apart.",
+                warnings=[],
                 provenance=ABOUT,
             )
         )

@@ -4,7 +4,7 @@ import numpy as np
 import streamlit as st
 from PIL import Image
 
-from dldsim.app.web.ui import campaign_page, design_page, measurements_page, parts
+from dldsim.app.web.ui import campaign_page, design_page, measurements_page, outcome_page, parts
 
 
 def icon() -> Image.Image:
@@ -23,6 +23,9 @@ page = st.navigation(
             url_path="design",
             icon=":material/design_services:",
             default=True,
+        ),
+        st.Page(
+            outcome_page.page, title="Outcome", url_path="outcome", icon=":material/call_split:"
         ),
         st.Page(
             campaign_page.page, title="Campaign", url_path="campaign", icon=":material/insights:"

@@ -1,4 +1,4 @@
-"""Second page: what was simulated, the calibration with its inverse, and single predictions."""
+"""Third page: what was simulated, the calibration with its inverse, and single predictions."""
 
 import streamlit as st
 

@@ -585,8 +585,10 @@ def domain(
     return figure
 
 
-def index_strip(learnt: Sequence[float], cells: Sequence[tuple[float, float | None]]) -> go.Figure:
-    """Range of deformation indices learnt from, and both cell types with their spread."""
+def index_strip(
+    learnt: Sequence[float], cells: Mapping[int, tuple[float, float | None]]
+) -> go.Figure:
+    """Range of deformation indices of an assay, and cell types by number with their spread."""
     figure = _figure(
         170,
         xaxis_title="deformation index",
@@ -604,11 +606,12 @@ def index_strip(learnt: Sequence[float], cells: Sequence[tuple[float, float | No
         x1=learnt[1],
         fillcolor="rgba(86,180,233,0.25)",
         line_width=0,
-        annotation_text="learnt from",
+        annotation_text="calibrated",
         annotation_position="top left",
         annotation_font_size=12,
     )
-    for k, (index, spread) in enumerate(cells):
+    for number, (index, spread) in cells.items():
+        k = number - 1
         figure.add_scatter(
             x=[index],
             y=[1 - k],

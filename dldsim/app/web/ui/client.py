@@ -125,6 +125,10 @@ def content(file: models.FileInfo) -> bytes:
     return call("GET", file.url.partition(PREFIX)[2]).content
 
 
+def outcome(spec: Mapping[str, Any]) -> models.OutcomeAnswer:
+    return _ask(models.OutcomeAnswer, "POST", "/outcome", json=spec)
+
+
 def predict(spec: Mapping[str, Any]) -> models.Prediction:
     return _ask(models.Prediction, "POST", "/predict", json=spec)
 

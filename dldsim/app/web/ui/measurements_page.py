@@ -1,4 +1,4 @@
-"""Third page: angles measured on fabricated devices, and campaigns of the user's own."""
+"""Fourth page: angles measured on fabricated devices, and campaigns of the user's own."""
 
 from typing import Any
 

@@ -277,7 +277,7 @@ def sidebar() -> None:
             list(known),
             index=list(known).index(campaign()),
             format_func=lambda i: known[i] if i is None else f"{known[i]} ({i[:8]})",
-            help="Campaigns that you upload, or measurements that you add, on the third page "
+            help="Campaigns that you upload, or measurements that you add, on the fourth page "
             "appear here. The address of this page keeps the one in use.",
         )
         if chosen != campaign():

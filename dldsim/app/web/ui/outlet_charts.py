@@ -1,0 +1,87 @@
+"""Figure of what leaves a device: both populations along it, their exits, the walls."""
+
+from collections.abc import Sequence
+
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from dldsim.app.web.ui.charts import CELL, CELL_DASH, GREY, TEMPLATE, Row
+
+BANDS = (("05", "95", 0.16), ("25", "75", 0.3))
+"""Quantiles that are shaded, and how strongly."""
+
+
+def fan(
+    positions: Sequence[Row], exits: Sequence[Row], outlets: Sequence[Row], cut_um: float
+) -> go.Figure:
+    """Both populations fanning out along the array; shares of cells across its end beside it."""
+    figure = make_subplots(
+        cols=2, shared_yaxes=True, column_widths=[0.74, 0.26], horizontal_spacing=0.03
+    )
+    figure.update_layout(template=TEMPLATE, height=430, barmode="overlay", bargap=0)
+    for k, colour in enumerate(CELL):
+        along = [r for r in positions if r["population"] == k + 1]
+        x = [r["x_mm"] for r in along]
+        for low, high, strength in BANDS:
+            figure.add_scatter(
+                x=x + x[::-1],
+                y=[r[f"y_{high}_um"] for r in along] + [r[f"y_{low}_um"] for r in along][::-1],
+                mode="lines",
+                fill="toself",
+                fillcolor=_faint(colour, strength),
+                line={"width": 0},
+                showlegend=False,
+                hoverinfo="skip",
+                row=1,
+                col=1,
+            )
+        figure.add_scatter(
+            x=x,
+            y=[r["y_50_um"] for r in along],
+            mode="lines",
+            line={"color": colour, "width": 2, "dash": CELL_DASH[k]},
+            name=f"cell type {k + 1}, half below",
+            hovertemplate="%{x:.2f} mm: %{y:.0f} µm<extra></extra>",
+            row=1,
+            col=1,
+        )
+        leaving = [r for r in exits if r["population"] == k + 1 and r["cells"] > 0]
+        figure.add_bar(
+            x=[r["cells"] for r in leaving],
+            y=[(r["low_um"] + r["high_um"]) / 2 for r in leaving],
+            width=[r["high_um"] - r["low_um"] for r in leaving],
+            orientation="h",
+            marker={"color": colour, "opacity": 0.55},
+            showlegend=False,
+            hovertemplate="%{y:.0f} µm: %{x:.1%}<extra></extra>",
+            row=1,
+            col=2,
+        )
+    for wall in [r["low_um"] for r in outlets][1:]:
+        own = abs(wall - cut_um) < 1e-6
+        for column in (1, 2):
+            figure.add_hline(
+                y=wall,
+                line={"color": "black" if own else GREY, "dash": "solid" if own else "dot"},
+                row=1,
+                col=column,
+            )
+    figure.update_yaxes(range=window(positions, outlets))
+    figure.update_yaxes(title_text="above the lower side wall [µm]", col=1)
+    figure.update_xaxes(title_text="length of array [mm]", col=1)
+    figure.update_xaxes(title_text="share of cells", col=2)
+    return figure
+
+
+def window(positions: Sequence[Row], outlets: Sequence[Row]) -> tuple[float, float]:
+    """Part of the width [µm] that holds the cells and all inner walls, with a margin."""
+    walls = [r["low_um"] for r in outlets][1:]
+    low = min([*(r["y_05_um"] for r in positions), *walls])
+    high = max([*(r["y_95_um"] for r in positions), *walls])
+    margin = 0.15 * (high - low)
+    return low - margin, high + margin
+
+
+def _faint(colour: str, strength: float) -> str:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{strength})"
