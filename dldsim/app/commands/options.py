@@ -97,7 +97,7 @@ def add_option(
         if getattr(m, name, None) is not None
     ]
     about = f"{field.description} ({', '.join(limits)})" if limits else field.description
-    if not required and "default" not in about:
+    if not (required or field.is_required()) and "default" not in about:
         about += f"; default {'none' if field.default is None else field.default}"
     kind = number if kind is float else kind
     parser.add_argument(

@@ -20,7 +20,8 @@ from dldsim import PHYSICS_VERSION
 from dldsim.app import cli
 from dldsim.app.web import serve
 from dldsim.app.web.api import models
-from dldsim.app.web.api.app import PREFIX, make_app
+from dldsim.app.web.api.app import make_app
+from dldsim.app.web.api.problems import PREFIX
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import ATTEMPTS_MAX, SEARCH, VERIFICATION, Busy, Store
 from dldsim.config.design_sections import DesignRequest, Device

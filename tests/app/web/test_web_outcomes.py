@@ -4,7 +4,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from dldsim.app.web.api import models
-from dldsim.app.web.api.app import PREFIX, make_app
+from dldsim.app.web.api.app import make_app
+from dldsim.app.web.api.problems import PREFIX
 from dldsim.app.web.api.settings import Settings
 
 pytestmark = pytest.mark.slow

@@ -219,7 +219,7 @@ def result(spec: models.DesignSpec) -> models.DesignResult:
                 mode_2="zigzag",
             )
             for d in designs
-            for p in ("gap_um", "edge_um")
+            for p in ("gap_um", "edge_um", "ks_1_uN_per_m", "ks_2_uN_per_m")
             for o in (-0.5, 0.5)
         ],
         importance=[

@@ -23,8 +23,8 @@ PLAIN = {
     "gap_um": "gap P_g",
     "periodicity": "periodicity N_p",
     "edge_um": "all pillar edges outwards",
-    "deformation_index_1": "deformation index, type 1",
-    "deformation_index_2": "deformation index, type 2",
+    "ks_1_uN_per_m": "spring constant k_s, type 1",
+    "ks_2_uN_per_m": "spring constant k_s, type 2",
 }
 CELL = ("#0072B2", "#D55E00")
 CELL_FILL = ("rgba(0,114,178,0.18)", "rgba(213,94,0,0.18)")

@@ -1,0 +1,191 @@
+"""Answers that are problems: what is refused, what is invalid, what failed."""
+
+import json
+import sys
+import traceback
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from dldsim.app.web.api import models
+from dldsim.config.explain import allowed_at
+from dldsim.design.measured_cells import INDEX, RADIUS, STIFFNESS
+from dldsim.errors import DldsimError
+
+PREFIX = "/api/v1"
+BODIES: dict[str, type[BaseModel]] = {
+    "/designs": models.DesignSpec,
+    "/optimize": models.OptimizeSpec,
+    "/outcome": models.OutcomeSpec,
+    "/predict": models.PredictSpec,
+    "/stiffness": models.StiffnessSpec,
+    "/measurements": models.MeasurementsSpec,
+}
+FROM_TABLE = (RADIUS, INDEX, STIFFNESS)
+"""Keys of refusals that mean a column of measured cells."""
+
+
+class Refused(Exception):
+    """An answer that is a problem."""
+
+    def __init__(
+        self,
+        status: int,
+        error: str,
+        message: str,
+        fields: list[models.FieldProblem] = (),
+        retry_after_s: int | None = None,
+    ):
+        self.status = status
+        self.problem = models.Problem(
+            error=error, message=message, fields=list(fields), retry_after_s=retry_after_s
+        )
+
+
+def answer(status: int, problem: models.Problem) -> Response:
+    text = json.dumps(problem.model_dump(mode="json"))  # ASCII: half characters cannot break it
+    headers = {"Cache-Control": "no-store"}
+    if problem.retry_after_s is not None:
+        headers["Retry-After"] = str(problem.retry_after_s)
+    return Response(text, status, headers, "application/json")
+
+
+def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    return {s: {"model": models.Problem} for s in (*statuses, 400, 413, 422, 500, 503)}
+
+
+def route_of(scope) -> str:
+    """Path of a request in this service: without the proxy's prefix and a slash at the end."""
+    return scope["path"].removeprefix(scope.get("root_path", "")).rstrip("/")
+
+
+def shown(value: Any) -> str:
+    """A value as short text."""
+    return ascii(value) if len(ascii(value)) <= 100 else ascii(value)[:97] + "..."
+
+
+def out_of_range(spec: BaseModel, name: str, allowed: str) -> Refused:
+    value = shown(getattr(spec, name))
+    message = f"{name} = {value}: allowed {allowed}"
+    problem = models.FieldProblem(field=name, value=value, message=message)
+    return Refused(422, "invalid", message + ".", [problem])
+
+
+def infeasible(spec: BaseModel, error: DldsimError) -> Refused:
+    """A request that cannot be met, with the fields that are at fault."""
+    given = spec.model_dump()
+    named = []
+    for fault in error.faults:
+        tables = [k for k in given if k.endswith("_csv") and given[k] and k in str(fault)]
+        for key in fault.keys:
+            for name in [key.removeprefix("device.")] if key not in FROM_TABLE else tables:
+                value, *inner = given.get(name.partition(".")[0]), *name.split(".")[1:]
+                for part in inner if value is not None else ():
+                    value = value[int(part) if part.isdigit() else part]
+                if value is not None:
+                    named.append(
+                        models.FieldProblem(field=name, value=shown(value), message=str(fault))
+                    )
+    return Refused(422, "infeasible", str(error), named)
+
+
+def _invalid(request: Request, error: RequestValidationError) -> Response:
+    """Field, value and allowed range of everything that is wrong."""
+    route = route_of(request.scope).removeprefix(PREFIX)
+    model = BODIES.get(route)
+    wanted = "application/json" if model else "multipart/form-data" * (route == "/campaigns")
+    given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if (
+        wanted
+        and given != wanted
+        and not (model and given.endswith("+json"))
+        and any(tuple(details["loc"])[:1] == ("body",) for details in error.errors())
+    ):
+        message = (
+            f"Content-Type = {shown(given) if given else 'missing'}: allowed: {wanted}. "
+            "Say with this header what the body is."
+        )
+        return answer(
+            422,
+            models.Problem(
+                error="invalid",
+                message=message,
+                fields=[
+                    models.FieldProblem(field="Content-Type", value=given[:100], message=message)
+                ],
+            ),
+        )
+    fields = []
+    for details in error.errors():
+        loc = tuple(details["loc"])
+        path = loc[1:] if loc and loc[0] in ("body", "query", "path", "header") else loc
+        name = ".".join(str(part) for part in path)[:200]
+        allowed = details["msg"]
+        if (
+            model is not None
+            and loc[:1] == ("body",)
+            and details["type"] not in ("json_invalid", "model_attributes_type")
+        ):
+            if details["type"] == "extra_forbidden":
+                allowed = "no such field; known: " + ", ".join(model.model_fields)
+            elif path:
+                allowed = allowed_at(model, path, details)
+                most = models.LARGEST.get(path[0])
+                if most is not None and "up to" not in allowed:
+                    allowed += f", up to {most:g}"
+            elif "ctx" in details and "error" in details["ctx"]:
+                allowed = str(details["ctx"]["error"])
+        value = "missing" if details["type"] == "missing" else shown(details.get("input"))
+        if not path:
+            value = ""
+        message = f"{name or 'request'}{' = ' + value if value else ''}: allowed: {allowed}"
+        keys = getattr(details.get("ctx", {}).get("error"), "keys", ())
+        fields += [
+            models.FieldProblem(field=ascii_safe(key), value=value, message=ascii_safe(message))
+            for key in keys or [name]
+        ]
+    text = "; ".join(list(dict.fromkeys(f.message for f in fields))[:5])
+    return answer(422, models.Problem(error="invalid", message=text, fields=fields[:20]))
+
+
+def ascii_safe(text: str) -> str:
+    """The text without half characters, which no answer can carry."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def add_handlers(app: FastAPI) -> None:
+    names = {400: "invalid", 404: "not-found", 405: "no-such-method", 413: "too-large"}
+
+    @app.exception_handler(Refused)
+    async def refused(_: Request, error: Refused) -> Response:
+        return answer(error.status, error.problem)
+
+    @app.exception_handler(RequestValidationError)
+    async def invalid(request: Request, error: RequestValidationError) -> Response:
+        return _invalid(request, error)
+
+    @app.exception_handler(HTTPException)
+    async def http(_: Request, error: HTTPException) -> Response:
+        kind = names.get(error.status_code, "refused")
+        found = answer(error.status_code, models.Problem(error=kind, message=str(error.detail)))
+        found.headers.update(error.headers or {})
+        return found
+
+    @app.exception_handler(DldsimError)
+    async def told(_: Request, error: DldsimError) -> Response:
+        return answer(422, models.Problem(error="infeasible", message=ascii_safe(str(error))))
+
+    @app.exception_handler(Exception)
+    async def failed(request: Request, error: Exception) -> Response:
+        sys.stderr.write("".join(traceback.format_exception(error)))
+        return answer(
+            500,
+            models.Problem(
+                error="defect",
+                message="The service failed at this request; its log has the details. "
+                "It goes on for others.",
+            ),
+        )
