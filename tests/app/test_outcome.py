@@ -184,7 +184,7 @@ def test_a_simulated_check(capsys, campaign, tmp_path, monkeypatch):
         (["--design", "no.json"], ["no.json", "cannot be read", ".json file of a design"]),
         (["--pillar-radius-um", 7], ["gap_um", "missing"]),
         ([*ARRAY, *CELLS, "--then", "x.json"], ["--from-outlet N go together"]),
-        ([*ARRAY, "--set1", "1"], ["deformation_index_2", "exactly one of"]),
+        ([*ARRAY, "--set1", "1"], ["cell type 2", "--di2, --set2"]),
         ([*ARRAY, *CELLS, "--r1-cv", "0.6"], ["radius_cv_1", "would be negative", "lognormal"]),
         ([*ARRAY, *CELLS, "--r1-cv", "-0.1"], ["radius_cv_1", "-0.1", "≥ 0"]),
         ([*ARRAY, *CELLS, "--array-length-mm", "0.1"], ["array_length_mm", "one period of 6"]),

@@ -8,6 +8,7 @@ from typing import Any
 from dldsim.app.commands.options import add_option, number
 from dldsim.app.commands.settings import given_by
 from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.errors import DldsimError
 
 ONE_OF = (
     DEFORMABILITIES,
@@ -79,7 +80,7 @@ def request_of(
 ) -> tuple[dict[str, Any], tuple]:
     """Fields of a request, and measured cells of both types: the command line over ``base``, then
     mean and scatter of the measured cells over both. ``without``: options that mean something
-    else."""
+    else. Raises DldsimError if nothing is said of how deformable a cell type is."""
     from dldsim.app.asked import with_measured
     from dldsim.design.measured_cells import read_measured
 
@@ -93,4 +94,16 @@ def request_of(
                 values = {key: value for key, value in values.items() if key not in keys}
     paths = [getattr(args, f"population{i}") for i in "12"]
     measured = tuple(None if path is None else read_measured(path) for path in paths)
-    return with_measured(values | given, measured), measured
+    values = with_measured(values | given, measured)
+    for i in "12":
+        said = [values.get(key.format(i)) for key in DEFORMABILITIES]
+        if all(value is None or value is False for value in said):
+            options = f"--di{i}, --set{i}, --ks{i}, --rigid{i}"
+            raise DldsimError(
+                f"Nothing is said of how deformable cell type {i} is.",
+                key=tuple(key.format(i) for key in DEFORMABILITIES),
+                value=None,
+                allowed=f"one of {options}",
+                remedy=f"Give one of {options}, or measured cells with --population{i}.",
+            )
+    return values, measured
