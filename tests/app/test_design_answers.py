@@ -1,11 +1,13 @@
 """What a request is simulated with: its own shapes, velocity and height."""
 
+import pandas as pd
 import pytest
 
 from dldsim.analysis.domain import domains_of
 from dldsim.app import design_answers
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.design import finished_campaign
+from dldsim.design.verified import Verdicts
 from tests.analysis.made_outcomes import make_survey
 
 
@@ -19,6 +21,8 @@ def asked(campaign, monkeypatch, tmp_path):
 
     def verify(model, outcomes, request, chip, budget, populations, simulator, seed, **more):
         seen.update(chip=chip, populations=populations, simulator=simulator, **more)
+        none = pd.DataFrame()
+        return Verdicts(none, pd.DataFrame({"separation_deg": []}), none, none, {})
 
     monkeypatch.setattr(design_answers, "verify", verify)
     monkeypatch.setattr(design_answers, "export", lambda *arguments: {})
