@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from pydantic import ValidationError
 
 from dldsim.config.sections import Stiffness
 from dldsim.errors import DldsimError
@@ -16,7 +17,8 @@ def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) ->
 
     Beyond them the elastic moduli of the nearest set are scaled in proportion, which leaves all
     ratios of Stokes flow but Ca as they are. ``key``: name of the spring constant in the input, for
-    errors. Raises DldsimError for one that is not positive, and without sets.
+    errors. Raises DldsimError for one that is not positive, one whose other moduli are out of
+    range, and without sets.
     """
     curve = sorted((s.ks_uN_per_m, s) for s in sets.values() if s.ks_uN_per_m > 0)
     if not curve or not ks_uN_per_m > 0:
@@ -34,4 +36,15 @@ def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) ->
         for name in Stiffness.model_fields
     }
     factor = ks_uN_per_m / near
-    return Stiffness(**{n: v if n == VISCOUS else factor * v for n, v in found.items()})
+    try:
+        return Stiffness(**{n: v if n == VISCOUS else factor * v for n, v in found.items()})
+    except ValidationError as error:
+        names = ", ".join(str(e["loc"][0]) for e in error.errors())
+        raise DldsimError(
+            f"{key} = {ks_uN_per_m:g}: {names} in proportion to it is beyond what a membrane may "
+            "have.",
+            key=key,
+            value=ks_uN_per_m,
+            allowed="k_s whose other moduli are within their ranges",
+            remedy="Lower it, or name a bead.",
+        ) from error

@@ -108,6 +108,7 @@ def test_a_request_with_measured_cells_survives_the_queue():
         ({"draws": 512, "cells": 1024}, "draws", "at most 131,072"),
         ({"radius_cv_1": 0.9}, "radius_cv_1", "negative"),
         ({"radius_cv_1": 0.1, "radius_std_1_um": 1}, "radius_cv_1", "one of"),
+        ({"stiffness_set_1": None, "ks_1_uN_per_m": 1e6}, "ks_1_uN_per_m", "kal_uN_per_m"),
         ({"rigid_1": True}, "stiffness_set_1", "exactly one of"),
         ({"stiffness_set_2": "1"}, "stiffness_set_1", "no array separates equals"),
         ({"sample_position_mm": 5.0}, "sample_position_mm", "lie inside the channel"),
