@@ -141,7 +141,7 @@ def points(config: Config) -> list[Point]:
     return [point for name in config.assays for point in points_of(name, config)]
 
 
-def library_points(config: Config) -> list[Point]:
+def points_of_library(config: Config) -> list[Point]:
     """What the library of calibrations holds."""
     library = config.calibration_library
     return [p for name in library.assays for p in points_of(name, config, library.cells)]

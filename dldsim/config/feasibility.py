@@ -278,7 +278,7 @@ def check_campaign(config: Config) -> None:
     """Refuse a configuration of which a run could not start."""
     check_sweep(config)
     check_points(
-        [*assays.points(config), *assays.library_points(config), *assays.study_points(config)],
+        [*assays.points(config), *assays.points_of_library(config), *assays.study_points(config)],
         config,
     )
 

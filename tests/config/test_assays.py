@@ -27,7 +27,7 @@ def test_the_default_assays(config):
     assert names(assays.points_of("group-velocity", config)) == groups
     assert assays.points_of("source-table", config) == []
     assert len(assays.points(config)) == len(set(assays.points(config))) == 5 + 7 + 7
-    assert len(assays.library_points(config)) == 6 * 5
+    assert len(assays.points_of_library(config)) == 6 * 5
 
 
 def test_groups_bring_their_velocity_and_stand_for_sets_at_it_only(config):

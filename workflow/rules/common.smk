@@ -73,7 +73,7 @@ except DldsimError as error:
 
 POINTS, LIBRARY, STUDIED = (
     [identifiers.point_id(point) for point in points(CONFIG)]
-    for points in (assays.points, assays.library_points, assays.study_points)
+    for points in (assays.points, assays.points_of_library, assays.study_points)
 )
 SURVEY = CONFIG.survey.members()
 SURVEY_POINTS = [f"{number:04d}" for number in range(len(SURVEY))]
