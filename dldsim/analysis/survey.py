@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from dldsim import laws
+from dldsim.analysis.features import share_of
 from dldsim.analysis.stiffness import stiffness_at
 from dldsim.config.feasibility import check_array, check_passable
 from dldsim.config.identifiers import Pair, outcome_id
@@ -182,7 +183,7 @@ def forest_spread(
 def bump_share(row: Row) -> float:
     """N_p tan θ_m of an outcome, 1 in full bump mode; NaN without an angle."""
     angle = row["migration_angle_deg"]
-    return math.nan if angle is None else row["periodicity"] * math.tan(math.radians(angle))
+    return math.nan if angle is None else float(share_of(angle, row["periodicity"]))
 
 
 def _values_of(row: Row, flow: Flow) -> list[float]:

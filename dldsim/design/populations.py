@@ -19,7 +19,7 @@ from dldsim.config.feasibility import smallest_passable_um
 from dldsim.config.sections import CellShape, Flow, Stiffness
 from dldsim.design.deformability import SLIT, ks_of_index, ks_of_sets, seen_at
 from dldsim.errors import DldsimError
-from dldsim.laws import EVANS_FUNG
+from dldsim.laws import rest_thickness
 
 
 class Asked(NamedTuple):
@@ -273,13 +273,6 @@ def squeezed_width_um(radius_um: float, deformation_index: float) -> float:
     return float(2 * radius_um * np.sqrt((1 - deformation_index) / (1 + deformation_index)))
 
 
-def disc_thickness_um(radius_um: float) -> float:
-    """Largest thickness of the biconcave profile at rest [µm]."""
-    r = np.linspace(0, 1, 1001)
-    c0, c1, c2 = EVANS_FUNG
-    return float(radius_um * (np.sqrt(1 - r**2) * (c0 + c1 * r**2 + c2 * r**4)).max())
-
-
 def narrowest(
     cell: Population, calibration: pd.DataFrame | None, assay: str | None = None
 ) -> tuple[float, str]:
@@ -299,9 +292,10 @@ def narrowest(
             width,
             f"width in the slit of {seen.assay}, whose index is {seen.deformation_index:.3g} there",
         )
-    if cell.shape == "biconcave":
-        return disc_thickness_um(cell.radius_um), "thickness of the disc at rest, edge on"
     shape = CellShape(shape=cell.shape, radius_um=cell.radius_um)
+    if cell.shape == "biconcave":
+        thickness = rest_thickness(shape.shape, shape.aspect_ratio) * cell.radius_um
+        return thickness, "thickness of the disc at rest, edge on"
     return smallest_passable_um(shape), "narrowest tube that it fits through at its volume"
 
 

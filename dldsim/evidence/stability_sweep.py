@@ -262,25 +262,24 @@ def run_family(
 MARGINS = "elastic", "mass", "lag", "speed"
 """Margins of stability; the fluid's lag behind the cell makes no run unstable."""
 ANY_LAG = 1e6
+OF_RUN = (
+    "steps",
+    "wall_time_s",
+    "nodes",
+    "vertices",
+    "mach_max",
+    "volume_drift_max",
+    "area_drift_max",
+    "inverted_faces_max",
+    "min_clearance_um",
+)
+"""Columns that are those of the run by the same name."""
 
 
 def _attempt(point: Point, config: Config, time_step: str) -> dict:
     from dldsim.experiments.array_run import simulate_run
 
-    blank = [f"margin_{m}" for m in MARGINS] + [
-        "margin",
-        "refinement",
-        "steps",
-        "wall_time_s",
-        "nodes",
-        "vertices",
-        "mach_max",
-        "volume_drift_max",
-        "area_drift_max",
-        "inverted_faces_max",
-        "min_clearance_um",
-        "predicted_safe",
-    ]
+    blank = [*(f"margin_{m}" for m in MARGINS), "margin", "refinement", *OF_RUN, "predicted_safe"]
     row = {"time_step": time_step, **dict.fromkeys(blank)}
     try:
         sections = sections_of(point, config)
@@ -307,20 +306,7 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
             "predicted_safe": (time_step == "automatic" or margin <= 1) and not result["incurable"],
             "outcome": result["status"] if failed else RAN,
             "reason": "; ".join([result["stop_reason"]] * failed + result["incurable"]),
-            **{
-                key: result[key]
-                for key in (
-                    "steps",
-                    "wall_time_s",
-                    "nodes",
-                    "vertices",
-                    "mach_max",
-                    "volume_drift_max",
-                    "area_drift_max",
-                    "inverted_faces_max",
-                    "min_clearance_um",
-                )
-            },
+            **{key: result[key] for key in OF_RUN},
         }
     )
 

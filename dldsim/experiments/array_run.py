@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -93,25 +94,22 @@ def simulate_run(
     A cell that clogs or a run that leaves its stable range is a result with a status. Raises
     DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
     """
-
-    def attempt(shorter: float) -> RunResult:
-        return _simulate(
-            geometry,
-            stiffness,
-            cell,
-            flow,
-            numerics,
-            control,
-            run_id,
-            outcome_id or run_id,
-            stiffness_set,
-            empty_flow,
-            others,
-            observe,
-            progress,
-            shorter,
-        )
-
+    attempt = partial(
+        _simulate,
+        geometry,
+        stiffness,
+        cell,
+        flow,
+        numerics,
+        control,
+        run_id,
+        outcome_id or run_id,
+        stiffness_set,
+        empty_flow,
+        others,
+        observe,
+        progress,
+    )
     return again_if_unstable(attempt, numerics, progress)
 
 

@@ -4,6 +4,8 @@ The flow is along x, the picture is taken along z, as in real-time deformability
 al. 2015, Nat. Methods 12:199). The domain repeats along the flow.
 """
 
+from functools import partial
+
 import numpy as np
 
 from dldsim.config.assay_sections import ChannelAssay
@@ -58,12 +60,9 @@ def simulate_channel(
     Raises DldsimError for a cell that does not fit, and for a run that takes too long.
     """
     check_fits(assay, cell, offset_um)
-
-    def attempt(shorter: float) -> Measured:
-        return _simulate(
-            stiffness, assay, cell, flow, numerics, offset_um, run_id, progress, shorter
-        )
-
+    attempt = partial(
+        _simulate, stiffness, assay, cell, flow, numerics, offset_um, run_id, progress
+    )
     return again_if_unstable(attempt, numerics, progress)
 
 

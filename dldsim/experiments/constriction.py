@@ -6,6 +6,7 @@ flow. The flow is from left to right along x, the throat narrow along y, the pic
 
 import time
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -131,22 +132,19 @@ def simulate_constriction(
     the axis, foremost with its rim at the taper; ``release_position_um`` is counted backwards from
     there. A cell that clogs or a run that leaves its stable range is a result with a status.
     """
-
-    def attempt(shorter: float) -> Measured:
-        return _simulate(
-            stiffness,
-            velocity_mm_s,
-            channel,
-            cell,
-            flow,
-            numerics,
-            release_position_um,
-            offset_um,
-            run_id,
-            progress,
-            shorter,
-        )
-
+    attempt = partial(
+        _simulate,
+        stiffness,
+        velocity_mm_s,
+        channel,
+        cell,
+        flow,
+        numerics,
+        release_position_um,
+        offset_um,
+        run_id,
+        progress,
+    )
     return again_if_unstable(attempt, numerics, progress)
 
 

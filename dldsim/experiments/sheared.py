@@ -4,6 +4,8 @@ The plates move along x, the picture is taken along z, the velocity gradient, as
 ektacytometer looks (Hardeman et al. 2007, Handbook of Hemorheology and Hemodynamics, p. 242).
 """
 
+from functools import partial
+
 import numpy as np
 
 from dldsim.config.assay_sections import ShearAssay
@@ -37,10 +39,7 @@ def simulate_shear(
     The cell sits midway between the plates. The velocity in Ca = μU/k_s is that of the shear over a
     radius, U = γ̇R. Raises DldsimError for a run that takes too long.
     """
-
-    def attempt(shorter: float) -> Measured:
-        return _simulate(stiffness, assay, cell, flow, numerics, run_id, progress, shorter)
-
+    attempt = partial(_simulate, stiffness, assay, cell, flow, numerics, run_id, progress)
     return again_if_unstable(attempt, numerics, progress)
 
 
