@@ -13,6 +13,7 @@ import pandas as pd
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.sections import Geometry
 from dldsim.design.cell_source import CellSource
+from dldsim.design.chip import Chip
 from dldsim.design.draws import Stream, draw_cells, draw_devices, entering_again, shuffled_devices
 from dldsim.design.motion import History, motion_of
 from dldsim.design.outlets import (
@@ -169,7 +170,7 @@ def device_outcome(
         course(both, mixture, fine, split.upper) if along else nowhere(request.draws),
         (extrapolated[0], extrapolated[1]),
         (basis[0], basis[1]),
-        3.6e-3 * flow.mean_velocity_mm_s * device.sample_width_um * flow.height_um,
+        Chip(flow, device).sample_uL_per_h,
     )
 
 

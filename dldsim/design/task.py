@@ -12,6 +12,7 @@ from dldsim.analysis.surrogate import LEVEL, Surrogate
 from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
 from dldsim.design.cell_source import CellSource, make_sources
 from dldsim.design.chip import Chip
+from dldsim.design.draws import sobol
 from dldsim.design.motion import UNKNOWN, History
 from dldsim.design.outlet_task import OBJECTIVE as OUTLETS
 from dldsim.design.outlet_task import OutletTask
@@ -106,11 +107,9 @@ class Task:
     def draws(self) -> np.ndarray:
         """Quasi-random numbers (8, draws): offsets of P_r and P_g in tolerances, levels 0 to 1 of
         both stiffnesses, normal deviates of both prediction errors, levels of both radii."""
-        from scipy.stats import norm, qmc
+        from scipy.stats import norm
 
-        count = self.request.draws
-        sequence = qmc.Sobol(8, rng=np.random.default_rng(self.seed))
-        points = sequence.random_base2((count - 1).bit_length())[:count].T
+        points = sobol(self.request.draws, 8, self.seed)
         normal = norm.ppf(np.clip(points[4:6], 1e-6, 1 - 1e-6))
         return np.vstack([2 * points[:2] - 1, points[2:4], normal, points[6:]])
 
