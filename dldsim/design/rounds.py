@@ -200,20 +200,20 @@ def _failed(geometry: Geometry, population: Population, height_um: float, reason
 def _finer_runs(
     task: Task, pairs: Mapping[int, dict], populations, simulate, count: int, say: Progress
 ) -> list[dict]:
-    """The best designs that part the cells, or may, once more at a finer setting.
+    """The best designs that part the cells, then those that may, once more at a finer setting.
 
     Fills `finer` of pairs.
     Returns rows of `verifications`.
     """
-    parting = [
-        (array, pair)
-        for array, pair in pairs.items()
-        if pair["role"] == "design"
-        and parts(pair["rows"], pair["difference"]["sigma_num_deg"]) is not False
-    ]
-    parting.sort(key=lambda item: -abs(item[1]["difference"]["simulated_deg"]))
+    parting = []
+    for array, pair in pairs.items():
+        difference = pair["difference"]
+        known = parts(pair["rows"], difference["sigma_num_deg"])
+        if pair["role"] == "design" and known is not False:
+            parting.append((known is None, -abs(difference["simulated_deg"]), array))
     height, records = task.chip.flow.height_um, []
-    for array, pair in parting[:count]:
+    for *_, array in sorted(parting)[:count]:
+        pair = pairs[array]
         geometry = Geometry(**pair["place"])
         say(f"finer lattice, half the Reynolds number: {identifiers.geometry_id(geometry)}")
         pair["finer"] = simulate_pair(simulate, geometry, populations, height, finer=True)

@@ -20,7 +20,7 @@ from dldsim.design.export import export_design
 from dldsim.design.outlet_task import OutletTask
 from dldsim.design.simulator import Simulator
 from dldsim.design.task import Task
-from dldsim.design.verdict import design_verdict, difference_of, separated, towards
+from dldsim.design.verdict import design_verdict, difference_of, parts, separated, towards
 from dldsim.experiments.migration import mode_of
 from dldsim.tables.registry import TABLES
 from dldsim.vocabulary import GEOMETRY
@@ -60,7 +60,8 @@ class Verdicts(NamedTuple):
 def design_table(
     task: Task, pairs: Mapping[int, dict], resistance, stop: Stop, stopped: str
 ) -> pd.DataFrame:
-    """The simulated designs, best first; columns of `verified_designs`."""
+    """The simulated designs, best first, of one rank the surest first; columns of
+    `verified_designs`."""
     request, chip = task.request, task.chip
     rows = []
     for array, pair in pairs.items():
@@ -110,6 +111,8 @@ def design_table(
                 "throughput_uL_per_h": chip.throughput_uL_per_h,
                 "agrees": difference["agrees"],
                 "separates": separates,
+                "standing": (True, None, False).index(separates)
+                + (parts(pair["rows"], sigma) is not True),
                 "separation_finer_deg": None if there is None else towards(simulated, there),
                 "finer_spacing_um": finer and finer[0]["spacing_um"],
                 "finer_lag_number": finer and max(r["lag_number"] or 0.0 for r in finer),
@@ -121,7 +124,7 @@ def design_table(
             }
         )
     names = TABLES["verified_designs"].names
-    table = pd.DataFrame(rows, columns=[c for c in names if c not in LATER])
+    table = pd.DataFrame(rows, columns=[*(c for c in names if c not in LATER), "standing"])
     if table.empty:
         return table.reindex(columns=names)
     place = [table[name].to_numpy() for name in GEOMETRY]
@@ -150,6 +153,8 @@ def design_table(
     )
     sigma = table["sigma_num_deg"].astype(float)
     table["rank"] = ranks_of(table.assign(sigma_num_deg=sigma), "value")
+    # Of equals first what separates, then what does so at this setting, then what is open.
+    table = table.sort_values(["rank", "standing"], kind="stable", ignore_index=True)
     table["name"] = [f"{request.name}-{k}" for k in range(1, len(table) + 1)]
     return table[names]
 

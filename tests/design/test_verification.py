@@ -113,6 +113,29 @@ def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
     assert verdicts.designs["separation_deg"].is_monotonic_decreasing
 
 
+def test_a_decided_design_goes_before_an_open_one_of_the_same_rank():
+    """The first array simulated is undecided with the larger difference, within σ_num."""
+
+    class Open(Nature):
+        def __call__(self, geometry, population, height_um, finer=False):
+            row = super().__call__(geometry, population, height_um, finer)
+            first = self.first = getattr(self, "first", geometry)
+            if geometry != first:
+                return row
+            angle = row["migration_angle_deg"]
+            bounds = {"angle_low_deg": -90.0, "angle_high_deg": 90.0, "mode": "none"}
+            return row | bounds | {"status": "undecided", "migration_angle_deg": angle * 1.001}
+
+    verdicts = check(Known(summit), Open(summit), designs_per_round=2, rounds=1, finer_designs=1)
+    designs = verdicts.designs
+    assert designs["rank"].tolist() == [1, 1]
+    assert designs["separation_deg"].iloc[0] < designs["separation_deg"].iloc[1]
+    assert designs["array"].tolist() == [2, 1]
+    assert designs["separates"].tolist() == [True, None]
+    finer = verdicts.verifications.query("role == 'finer'")
+    assert set(finer["array"]) == {2}
+
+
 def test_a_missed_prediction_is_learnt_from():
     """Nature knows no summit there; the refitted surrogate does not either."""
     seen = []
