@@ -21,7 +21,7 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
 from dldsim.experiments.array_run import make_scene
-from dldsim.solver import immersed_boundary, lattice, membrane
+from dldsim.solver import collide, immersed_boundary, lattice, membrane
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.jit import aligned_zeros, restrict
 from dldsim.solver.pillars import make_array
@@ -102,7 +102,7 @@ def core_limits(size: int, dtype, rounds: int) -> dict[str, float]:
 
 def operations_per_update() -> int:
     """Additions and products of one collision without inertia, counted in its source."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(lattice._collide.py_func)))
+    tree = ast.parse(textwrap.dedent(inspect.getsource(collide.collide.py_func)))
     loop = next(node for node in ast.walk(tree) if isinstance(node, ast.For))
 
     def count(nodes) -> int:
@@ -125,7 +125,7 @@ def operations_per_update() -> int:
 
 
 def bytes_per_update(dtype) -> int:
-    """Populations read and written where they were read (see dldsim.solver.lattice)."""
+    """Populations read and written where they were read (see dldsim.solver.stream_collide)."""
     return 2 * 19 * np.dtype(dtype).itemsize
 
 

@@ -18,9 +18,10 @@ from dldsim.solver.immersed_boundary import (
     locate,
 )
 from dldsim.solver.jit import jit
-from dldsim.solver.lattice import Lattice, damp_staggered_momentum, stream_collide
+from dldsim.solver.lattice import Lattice
 from dldsim.solver.membrane import Membrane, Moduli, Scratch, elastic_forces, vertex_normals
 from dldsim.solver.mirror import Mirror, reflect, spread_both
+from dldsim.solver.stream_collide import damp_staggered_momentum, stream_collide
 
 MEMBRANE_SLIP = {
     "compact": (0.258, 0.044),

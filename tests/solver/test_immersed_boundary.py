@@ -5,6 +5,7 @@ import pytest
 
 from dldsim.config.sections import Cell, Constriction, Flow, Numerics, Stiffness
 from dldsim.experiments.constriction import make_channel
+from dldsim.solver.d3q19 import VELOCITIES, WEIGHTS
 from dldsim.solver.flow import Fluid
 from dldsim.solver.immersed_boundary import (
     EVEN_ODD,
@@ -26,7 +27,7 @@ from dldsim.solver.immersed_boundary import (
     make_stencil,
     spread,
 )
-from dldsim.solver.lattice import VELOCITIES, WEIGHTS, make_lattice
+from dldsim.solver.lattice import make_lattice
 from dldsim.solver.pillars import pillar_distance
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_loop import DAMPING_INTERVAL
