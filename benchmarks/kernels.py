@@ -21,7 +21,7 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
 from dldsim.experiments.array_run import make_scene
-from dldsim.solver import collide, immersed_boundary, lattice, membrane
+from dldsim.solver import collide, contact, immersed_boundary, lattice, membrane
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.jit import aligned_zeros, restrict
 from dldsim.solver.pillars import make_array
@@ -196,7 +196,7 @@ def cell_parts(scene: CellInFlow) -> dict[str, Callable[[int], None]]:
         "membrane": repeated(
             membrane.elastic_forces, x, v, scene.membrane, scene.moduli, scene.scratch, total
         ),
-        "contact": repeated(immersed_boundary.contact_forces, x, scene.contact, answer),
+        "contact": repeated(contact.contact_forces, x, scene.contact, answer),
         "locate": repeated(immersed_boundary.locate, x, scene.domain, scene.stencil),
         "clear force": repeated(_clear, density, density.dtype.type(0)),
         "spread": repeated(immersed_boundary.spread, total * 1e-9, scene.stencil, density),

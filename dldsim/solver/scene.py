@@ -9,16 +9,9 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Numerics, Stiffness
 from dldsim.errors import DldsimError
+from dldsim.solver.contact import Contact, clearance
 from dldsim.solver.flow import Fluid
-from dldsim.solver.immersed_boundary import (
-    EVEN_ODD,
-    Contact,
-    clearance,
-    interpolate,
-    locate,
-    make_domain,
-    make_stencil,
-)
+from dldsim.solver.immersed_boundary import EVEN_ODD, interpolate, locate, make_domain, make_stencil
 from dldsim.solver.membrane import (
     Energies,
     Membrane,
@@ -156,7 +149,7 @@ class CellInFlow:
         drive: Drive | None = None,
     ):
         """``stiffness``: or `Moduli`, in lattice units; ``surfaces``: fields of
-        :class:`dldsim.solver.immersed_boundary.Contact` that name surfaces; without a ``drive``
+        :class:`dldsim.solver.contact.Contact` that name surfaces; without a ``drive``
         (`time_loop.make_drive`) the body force stays as it is.
         """
         self.fluid, self.units, self.numerics = fluid, units, numerics

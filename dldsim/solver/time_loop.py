@@ -8,15 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dldsim.solver.immersed_boundary import (
-    Contact,
-    Domain,
-    Stencil,
-    contact_forces,
-    interpolate,
-    interpolate_both,
-    locate,
-)
+from dldsim.solver.contact import Contact, contact_forces
+from dldsim.solver.immersed_boundary import Domain, Stencil, interpolate, interpolate_both, locate
 from dldsim.solver.jit import jit
 from dldsim.solver.lattice import Lattice
 from dldsim.solver.membrane import Membrane, Moduli, Scratch, elastic_forces, vertex_normals
