@@ -21,7 +21,7 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
 from dldsim.experiments.array_run import make_scene
-from dldsim.solver import collide, contact, immersed_boundary, lattice, membrane
+from dldsim.solver import collide, contact, immersed_boundary, lattice, membrane_forces
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.jit import aligned_zeros, restrict
 from dldsim.solver.pillars import make_array
@@ -194,7 +194,7 @@ def cell_parts(scene: CellInFlow) -> dict[str, Callable[[int], None]]:
     density, answer = np.zeros_like(fluid.force), np.zeros_like(x)
     return {
         "membrane": repeated(
-            membrane.elastic_forces, x, v, scene.membrane, scene.moduli, scene.scratch, total
+            membrane_forces.elastic_forces, x, v, scene.membrane, scene.moduli, scene.scratch, total
         ),
         "contact": repeated(contact.contact_forces, x, scene.contact, answer),
         "locate": repeated(immersed_boundary.locate, x, scene.domain, scene.stencil),

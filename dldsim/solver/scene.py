@@ -17,13 +17,12 @@ from dldsim.solver.membrane import (
     Membrane,
     Moduli,
     Scratch,
-    elastic_forces,
     energies,
     make_membrane,
     make_scratch,
-    measure_faces,
     vertex_areas,
 )
+from dldsim.solver.membrane_forces import elastic_forces, measure_faces
 from dldsim.solver.mesh import area, frequency_for_edge, make_shape
 from dldsim.solver.mirror import NO_MIRROR, half_of, reflect, spread_both
 from dldsim.solver.observe import Sample, centroid, fastest, inverted_faces

@@ -12,7 +12,8 @@ from dldsim.solver.contact import Contact, contact_forces
 from dldsim.solver.immersed_boundary import Domain, Stencil, interpolate, interpolate_both, locate
 from dldsim.solver.jit import jit
 from dldsim.solver.lattice import Lattice
-from dldsim.solver.membrane import Membrane, Moduli, Scratch, elastic_forces, vertex_normals
+from dldsim.solver.membrane import Membrane, Moduli, Scratch
+from dldsim.solver.membrane_forces import elastic_forces, vertex_normals
 from dldsim.solver.mirror import Mirror, reflect, spread_both
 from dldsim.solver.stream_collide import damp_staggered_momentum, stream_collide
 

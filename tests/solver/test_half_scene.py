@@ -30,13 +30,8 @@ from dldsim.solver.immersed_boundary import (
     spread,
 )
 from dldsim.solver.lattice import make_lattice
-from dldsim.solver.membrane import (
-    Moduli,
-    elastic_forces,
-    make_membrane,
-    make_scratch,
-    measure_faces,
-)
+from dldsim.solver.membrane import Moduli, make_membrane, make_scratch
+from dldsim.solver.membrane_forces import elastic_forces, measure_faces
 from dldsim.solver.mesh import make_shape
 from dldsim.solver.mirror import Mirror, half_of, images, reflect, spread_both
 from dldsim.solver.pillars import make_array
