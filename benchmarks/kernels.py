@@ -20,7 +20,7 @@ import numba
 import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
-from dldsim.experiments.array_run import make_scene
+from dldsim.experiments.array_scene import make_scene
 from dldsim.solver import collide, contact, immersed_boundary, lattice, membrane_forces
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.jit import aligned_zeros, restrict

@@ -131,7 +131,16 @@ WITHOUT_KERNELS = (
 """These read tables and never touch a kernel."""
 RUNS = {
     f"dldsim.experiments.{name}"
-    for name in ("array_run", "assays", "channel", "constriction", "passage", "sheared")
+    for name in (
+        "array_run",
+        "array_outcome",
+        "array_scene",
+        "assays",
+        "channel",
+        "constriction",
+        "passage",
+        "sheared",
+    )
 }
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
 """Only inside the functions that need them."""

@@ -29,7 +29,7 @@ def simulator(partial: Path, progress: Progress) -> Simulator:
     """A Simulator that keeps finished releases under ``partial`` while it is at work."""
 
     def simulate(identifier, geometry, stiffness_set, settings):
-        from dldsim.experiments.array_run import simulate_outcome
+        from dldsim.experiments.array_outcome import simulate_outcome
 
         control = RunControl(**settings["run_control"])
         kept = Partial(Path(partial) / identifier, identifier, settings)

@@ -18,7 +18,8 @@ from dldsim.errors import DldsimError
 from dldsim.evidence.drag import lag_under_traction
 from dldsim.evidence.reference import read_reference
 from dldsim.evidence.validation import Comparison
-from dldsim.experiments.array_run import Path, make_scene, row_patience
+from dldsim.experiments.array_run import Path, row_patience
+from dldsim.experiments.array_scene import make_scene
 from dldsim.experiments.constriction import simulate_constriction
 from dldsim.experiments.runner import Stop, advance_until
 from dldsim.experiments.shear import capsule_in_shear as shear_run

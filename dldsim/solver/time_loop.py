@@ -95,7 +95,7 @@ class Body(NamedTuple):
 
 
 class Elasticity(NamedTuple):
-    """What the forces of a membrane follow from: see :mod:`dldsim.solver.membrane`."""
+    """What the forces of a membrane follow from: see :mod:`dldsim.solver.membrane_forces`."""
 
     membrane: Membrane
     moduli: Moduli

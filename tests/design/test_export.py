@@ -16,7 +16,7 @@ from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl
 from dldsim.design.export import FILES, Verified, describe, export_design, make_streams
 from dldsim.errors import DldsimError
-from dldsim.experiments.array_run import simulate_outcome
+from dldsim.experiments.array_outcome import simulate_outcome
 from dldsim.experiments.vtk import Recorder
 from dldsim.solver.flow import solve_empty_array
 from dldsim.tables.registry import COLUMNS

@@ -328,7 +328,7 @@ def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
     def forbidden(*arguments, **options):
         raise AssertionError("simulated again")
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", forbidden)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", forbidden)
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", forbidden)
     again = Simulator(simulator.directory, SCENE)
     assert again(GEOMETRY, SMALL, 12.0) == row
@@ -357,7 +357,7 @@ def test_an_interrupted_outcome_goes_on_with_its_next_release(simulated, tmp_pat
             raise KeyboardInterrupt
         return simulate(*sections, **options)
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", stop)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", stop)
     simulator = Simulator(tmp_path, SCENE)
     with pytest.raises(KeyboardInterrupt):
         simulator(GEOMETRY, SMALL, 12.0)

@@ -15,7 +15,8 @@ from dldsim.config.sections import (
     Stiffness,
 )
 from dldsim.errors import DldsimError
-from dldsim.experiments.array_run import make_scene, simulate_run
+from dldsim.experiments.array_run import simulate_run
+from dldsim.experiments.array_scene import make_scene
 from dldsim.experiments.constriction import simulate_constriction
 from dldsim.experiments.vtk import Recorder
 from dldsim.solver.collide import collision_parameters
