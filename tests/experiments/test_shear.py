@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse.linalg import LinearOperator, minres
 
 from dldsim.errors import DldsimError
-from dldsim.evidence.validation_cell import SMALL_DEFORMATION
+from dldsim.evidence.validation_capsule import SMALL_DEFORMATION
 from dldsim.experiments import shear
 from dldsim.solver import membrane as mb
 from dldsim.solver import membrane_forces, mesh
