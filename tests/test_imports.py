@@ -60,6 +60,7 @@ LIGHT = {
     "dldsim.analysis.uncertainty",
     "dldsim.evidence.accuracy",
     "dldsim.evidence.reference",
+    "dldsim.evidence.critical_gaps",
     "dldsim.evidence.reference_study",
     "dldsim.evidence.spot_check",
     "dldsim.evidence.stability_sweep",
