@@ -30,7 +30,8 @@ from dldsim.design.finished_campaign import MEASURED
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import describe, read_table, write_table
 from dldsim.tables.registry import COLUMNS, schema
-from dldsim.tables.user_table import PLAUSIBLE, as_columns, check_plausible, read_user_table
+from dldsim.tables.user_table import read_user_table
+from dldsim.tables.user_values import PLAUSIBLE, as_columns, check_plausible
 
 FILES = (
     "outcomes.parquet",
