@@ -5,7 +5,7 @@ import pytest
 from dldsim.evidence import validation_capsule, validation_constriction, validation_transition
 from dldsim.evidence.validation import run_case
 from dldsim.evidence.validation_transition import LAST_STEP
-from dldsim.report import style, validation_figures
+from dldsim.report import style, validation_cell_figures
 from dldsim.tables.parquet import read_table, write_table
 from tests.evidence.test_validation_capsule import steady_capsule
 from tests.evidence.test_validation_constriction import passing
@@ -29,7 +29,7 @@ def table(monkeypatch, tmp_path):
 
 
 def test_rows_of_capsules_are_told_apart(table):
-    rows = validation_figures.capsules(table)
+    rows = validation_cell_figures.capsules(table)
     assert set(rows["law"]) == set(validation_capsule.SMALL_DEFORMATION)
     counts = rows[rows["quantity"] == "Taylor deformation"]["kind"].value_counts()
     assert counts["resolved"] == 2 * counts["extrapolated"] == 24
@@ -37,16 +37,16 @@ def test_rows_of_capsules_are_told_apart(table):
 
 
 def test_figures_show_the_table(table):
-    shape, *_ = validation_figures.draw_capsules(table).axes
+    shape, *_ = validation_cell_figures.draw_capsules(table).axes
     assert shape.get_xlim()[0] < 0.01
-    [panel] = validation_figures.draw_transition(table).axes
+    [panel] = validation_cell_figures.draw_transition(table).axes
     dots = [line for line in panel.lines if line.get_marker() == "o"]
     assert len(dots) == len(validation_transition.TRANSITIONS)
     at, value = dots[0].get_data()
     assert at[0] == pytest.approx(1 / validation_transition.TRANSITIONS[0][0], abs=0.01)
     assert value[0] == pytest.approx(0.5, abs=LAST_STEP)
-    along, across = validation_figures.draw_constriction_shape(table).axes
+    along, across = validation_cell_figures.draw_constriction_shape(table).axes
     assert (along.get_ylabel(), across.get_ylabel()) == ("D [µm]", "H [µm]")
     for draw in ("capsules", "transition", "constriction_shape"):
-        figure = getattr(validation_figures, f"draw_{draw}")(table)
+        figure = getattr(validation_cell_figures, f"draw_{draw}")(table)
         assert style.render(figure, "png").startswith(b"\x89PNG")
