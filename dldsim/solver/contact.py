@@ -1,6 +1,7 @@
 """Contact of membrane vertices with solids: the push off pillars, plates and channel walls.
 
-Lattice units; vertices (V, 3) are unwrapped."""
+Lattice units; vertices (V, 3) are unwrapped.
+"""
 
 from typing import NamedTuple
 

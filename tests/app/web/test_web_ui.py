@@ -9,7 +9,14 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from dldsim.app.web.api import models
-from dldsim.app.web.ui import SCRIPT, charts, client
+from dldsim.app.web.ui import (
+    SCRIPT,
+    candidate_charts,
+    chart_style,
+    client,
+    domain_charts,
+    search_charts,
+)
 from dldsim.app.web.ui.parts import allowed, plain
 from tests.app.web import web_page_fake
 from tests.app.web.web_page_fake import HIGH, ID, LOW, Fake
@@ -155,10 +162,10 @@ def test_the_first_lines_say_what_answers_hold_for(service):
 
 
 def test_toolbar_of_charts_stays_in_the_margin():
-    layout = charts.TEMPLATE.layout
+    layout = chart_style.TEMPLATE.layout
     assert layout.modebar.orientation == "v" and layout.margin.r >= 45
     assert layout.legend.x == 0 and layout.legend.orientation == "h"
-    assert charts.index_strip((0.5, 0.7), {1: (0.6, 0.01)}).layout.margin.r >= 45
+    assert domain_charts.index_strip((0.5, 0.7), {1: (0.6, 0.01)}).layout.margin.r >= 45
 
 
 def test_cancelled_and_failed_searches_say_so(service):
@@ -397,16 +404,16 @@ def test_campaign_that_is_ready_can_be_used_and_deleted(service):
 
 def test_hull_holds_all_points():
     square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 1.0), (1.0, 0.0)]
-    assert set(charts.hull(square)) == set(square[:4])
-    assert charts.hull(square)[0] == charts.hull(square)[-1]
+    assert set(domain_charts.hull(square)) == set(square[:4])
+    assert domain_charts.hull(square)[0] == domain_charts.hull(square)[-1]
 
 
 def test_array_is_drawn_to_scale_with_rows_shifted():
     design = {"pillar_radius_um": 5.0, "gap_um": 10.0, "periodicity": 4, "mode_1": "bump"} | {
         f"angle_1_{s}deg": 14.036 for s in ("", "low_", "high_")
     }
-    figure = charts.array(design, [7.5])
-    pillars = [s for s in figure.layout.shapes if s.fillcolor == charts.PILLAR]
+    figure = candidate_charts.array(design, [7.5])
+    pillars = [s for s in figure.layout.shapes if s.fillcolor == chart_style.PILLAR]
     assert all(abs(s.x1 - s.x0 - 10) < 1e-9 for s in pillars)
     lowest = {s.x0 + 5: (s.y0 + 5) % 20 for s in pillars}
     assert lowest[20.0] == pytest.approx(5.0) and lowest[0.0] == pytest.approx(0.0)
@@ -420,15 +427,15 @@ def test_surface_turns_its_axes():
     found = web_page_fake.result(spec)
     slices = [s.model_dump() for s in found.slices]
     designs = [d.model_dump() for d in found.designs]
-    one = charts.surface(slices, "periodicity", "gap_um", designs).data[0]
-    two = charts.surface(slices, "gap_um", "periodicity", designs).data[0]
+    one = search_charts.surface(slices, "periodicity", "gap_um", designs).data[0]
+    two = search_charts.surface(slices, "gap_um", "periodicity", designs).data[0]
     assert [list(r) for r in zip(*one.z, strict=True)] == [list(r) for r in two.z]
 
 
 def test_parallel_lines_cover_every_feasible_trial():
     spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH)
     trials = [t.model_dump() for t in web_page_fake.result(spec).trials]
-    figure = charts.parallel(trials, "robust")
+    figure = search_charts.parallel(trials, "robust")
     lines = sum(x is None for t in figure.data for x in t.x)
     assert lines == sum(t["feasible"] for t in trials)
 

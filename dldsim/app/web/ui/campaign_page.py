@@ -3,7 +3,7 @@
 import streamlit as st
 
 from dldsim.app.web.api import models
-from dldsim.app.web.ui import charts, client, parts
+from dldsim.app.web.ui import campaign_charts, candidate_charts, client, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, chart, frame, number, plain
 
@@ -68,7 +68,7 @@ def _angles() -> None:
             if chosen:
                 shown = [r for r in shown if r[name] in chosen]
     without = sum(r["migration_angle_deg"] is None for r in shown)
-    chart(charts.angles(shown, x, response, group), "angles", "angle of each outcome")
+    chart(campaign_charts.angles(shown, x, response, group), "angles", "angle of each outcome")
     st.caption(
         f"{len(shown)} outcomes, {without} of them without an angle (stuck, unstable or "
         "failed). Hollow: undecided, the motion had not settled when its rows were spent. "
@@ -77,7 +77,7 @@ def _angles() -> None:
         + (" Dotted: limits of zigzag (0.1) and bump (0.9)." if response == "share" else "")
     )
     st.markdown("**Modes**")
-    chart(charts.modes(shown, x), "modes", "number of outcomes in each mode")
+    chart(campaign_charts.modes(shown, x), "modes", "number of outcomes in each mode")
     with st.expander(f"The {len(shown)} outcomes"):
         frame(
             shown,
@@ -161,7 +161,7 @@ def _calibration(info: models.ModelInfo) -> None:
                 )
     with right:
         chart(
-            charts.calibration(rows, found and found.model_dump()),
+            campaign_charts.calibration(rows, found and found.model_dump()),
             "calibration",
             "deformation index over the spring constant",
         )
@@ -260,7 +260,7 @@ def _predict(info: models.ModelInfo) -> None:
         "mode_1": found.mode,
     } | asked_for
     chart(
-        charts.array(design, [asked_for["cell_radius_um"]]),
+        candidate_charts.array(design, [asked_for["cell_radius_um"]]),
         "predicted-array",
         "array with the predicted mean direction",
     )

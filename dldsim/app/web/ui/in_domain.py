@@ -6,7 +6,7 @@ from typing import Any
 import streamlit as st
 
 from dldsim.app.web.api import models
-from dldsim.app.web.ui import charts
+from dldsim.app.web.ui import domain_charts
 from dldsim.app.web.ui.parts import chart
 
 SHAPES = {"biconcave": "biconcave disc", "sphere": "sphere", "ellipsoid": "ellipsoid"}
@@ -36,7 +36,7 @@ def show(
             continue
         st.markdown(f"**{SHAPES[shape]}**")
         chart(
-            charts.domain(arrays, request, designs),
+            domain_charts.domain(arrays, request, designs),
             f"domain-{key}-{shape}",
             "arrays learnt from, bounds of the request and candidates",
         )
@@ -47,7 +47,7 @@ def show(
     }
     if cells:
         chart(
-            charts.index_strip(index_range(info, request.get("assay")), cells),
+            domain_charts.index_strip(index_range(info, request.get("assay")), cells),
             f"strip-{key}",
             "deformation indices of the cell types in the calibrated range",
         )
