@@ -19,7 +19,7 @@ from fastapi.testclient import TestClient
 from dldsim import PHYSICS_VERSION
 from dldsim.app import cli
 from dldsim.app.web import serve
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.app import make_app
 from dldsim.app.web.api.problems import PREFIX
 from dldsim.app.web.api.settings import Settings
@@ -119,7 +119,7 @@ def test_a_design_is_answered_in_full(designed):
     about = designed["provenance"]
     assert about["origin"] == "tracked" and len(about["model_sha256"]) == 64 and about["seed"] == 1
     assert designed["verification"]["state"] == "not-wanted"
-    models.DesignStatus.model_validate(designed)
+    answers.DesignStatus.model_validate(designed)
 
 
 def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):
@@ -227,7 +227,7 @@ def test_bad_fields_are_told(client, change, field, parts):
         headers={"Content-Type": "application/json"},
     )
     problem = answer.json()
-    assert answer.status_code == 422 and models.Problem.model_validate(problem), problem
+    assert answer.status_code == 422 and answers.Problem.model_validate(problem), problem
     assert any(f["field"].startswith(field) for f in problem["fields"]), problem
     assert all(part in problem["message"] for part in parts), problem["message"]
 
@@ -278,7 +278,7 @@ def test_what_is_no_request_is_refused(client, body):
     answer = client.post(
         f"{PREFIX}/designs", content=body, headers={"Content-Type": "application/json"}
     )
-    assert answer.status_code in (400, 422) and models.Problem.model_validate(answer.json())
+    assert answer.status_code in (400, 422) and answers.Problem.model_validate(answer.json())
 
 
 def test_large_bodies_are_refused(client):
@@ -483,7 +483,7 @@ def test_measured_angles_are_learnt_from(client):
     assert about["measured"] == 8 and about["used"] == own["provenance"]["used"] + 8
     assert any("measured on fabricated devices" in w for w in about["warnings"])
     place = measured() | {"campaign": found["id"]}
-    place = {k: place[k] for k in models.PredictSpec.model_fields if k in place}
+    place = {k: place[k] for k in specs.PredictSpec.model_fields if k in place}
     new = client.post(f"{PREFIX}/predict", json=place).json()["angle_deg"]
     old = client.post(f"{PREFIX}/predict", json=place | {"campaign": None}).json()["angle_deg"]
     assert abs(new - 9.0) < abs(old - 9.0)

@@ -21,7 +21,7 @@ from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis import surrogate
 from dldsim.analysis.calibration import join_deformation_index
 from dldsim.analysis.learning import SURVEY
-from dldsim.app.web.api.models import Provenance
+from dldsim.app.web.api.answers import Provenance
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
 from dldsim.config.provenance import derive_seed

@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.ui import campaign_charts, candidate_charts, client, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, chart, frame, number, plain
@@ -100,12 +100,12 @@ def _angles() -> None:
         )
 
 
-def _calibration(info: models.ModelInfo) -> None:
+def _calibration(info: answers.ModelInfo) -> None:
     rows = _rows("calibration")
     if rows is None:
         return
     assays = list(dict.fromkeys(r["assay"] for r in rows if r["assay"] in info.calibrated_range))
-    limits = {f.name: f for f in models.limits_of(models.StiffnessSpec)}
+    limits = {f.name: f for f in answers.limits_of(specs.StiffnessSpec)}
     left, right = st.columns([2, 3])
     with left:
         st.markdown("**Measured deformation index → stiffness**")
@@ -184,7 +184,7 @@ def _calibration(info: models.ModelInfo) -> None:
         )
 
 
-def _flow_of(found: models.StiffnessAnswer) -> str:
+def _flow_of(found: answers.StiffnessAnswer) -> str:
     """At which velocity or stress it holds, and where it is from."""
     flow = ""
     if found.velocity_mm_s is not None:
@@ -198,8 +198,8 @@ def _campaign() -> dict[str, str]:
     return {"campaign": parts.campaign()} if parts.campaign() else {}
 
 
-def _predict(info: models.ModelInfo) -> None:
-    limits = {f.name: f for f in models.limits_of(models.PredictSpec)}
+def _predict(info: answers.ModelInfo) -> None:
+    limits = {f.name: f for f in answers.limits_of(specs.PredictSpec)}
     low, high = info.deformation_index_range
     arrays = info.domain["arrays"]
     middle = sorted(arrays)[len(arrays) // 2]

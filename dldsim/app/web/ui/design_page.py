@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers
 from dldsim.app.web.ui import client, design_form, design_result, parts, search_charts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import chart
@@ -35,7 +35,7 @@ def _forget() -> None:
     st.query_params.pop("design", None)
 
 
-def _current() -> models.DesignStatus | None:
+def _current() -> answers.DesignStatus | None:
     """State of the design in the address; one that does not change any more is asked for once."""
     identifier = st.session_state.get("design")
     if identifier is None:

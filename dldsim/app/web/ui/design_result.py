@@ -5,7 +5,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers
 from dldsim.app.web.ui import (
     candidate_charts,
     chart_style,
@@ -64,7 +64,7 @@ def metrics(best: Mapping[str, Any], uncertainty: float | None = None) -> None:
     )
 
 
-def show(info: models.ModelInfo, status: models.DesignStatus) -> None:
+def show(info: answers.ModelInfo, status: answers.DesignStatus) -> None:
     if status.state == "failed":
         st.error(
             f"**The search failed.** {plain(status.error or 'No reason was given.')}",
@@ -151,7 +151,7 @@ def show(info: models.ModelInfo, status: models.DesignStatus) -> None:
     _verification(status)
 
 
-def _candidate(status: models.DesignStatus, design: Mapping[str, Any], tolerances: list) -> None:
+def _candidate(status: answers.DesignStatus, design: Mapping[str, Any], tolerances: list) -> None:
     request = status.result.request
     st.markdown("**Array to scale, with the predicted mean directions**")
     chart(
@@ -238,7 +238,7 @@ def _shown(value: float | None, unit: str = "°", form: str = ".2f") -> str:
     return "not known" if value is None else f"{value:{form}}{unit}"
 
 
-def _downloads(status: models.DesignStatus, candidate: int) -> None:
+def _downloads(status: answers.DesignStatus, candidate: int) -> None:
     st.subheader("Downloads")
     groups = [(f"Candidate {candidate}", [f for f in status.files if f.candidate == candidate])]
     groups += [
@@ -267,7 +267,7 @@ def _downloads(status: models.DesignStatus, candidate: int) -> None:
                 )
 
 
-def _fetch(file: models.FileInfo):
+def _fetch(file: answers.FileInfo):
     return lambda: client.content(file)
 
 
@@ -275,7 +275,7 @@ def _size(count: int) -> str:
     return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.1f} kB"
 
 
-def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
+def _search(status: answers.DesignStatus, designs: list, trials: list) -> None:
     """How the search went, and what it says of the parameters."""
     result, objective = status.result, status.spec.objective
     st.subheader("The search")
@@ -338,7 +338,7 @@ def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
     )
 
 
-def _in_domain(info: models.ModelInfo, request: Mapping[str, Any], designs: list) -> None:
+def _in_domain(info: answers.ModelInfo, request: Mapping[str, Any], designs: list) -> None:
     st.subheader("The request in the training domain")
     in_domain.show(info, request, "done", designs)
     st.caption(
@@ -348,7 +348,7 @@ def _in_domain(info: models.ModelInfo, request: Mapping[str, Any], designs: list
     )
 
 
-def _verification(status: models.DesignStatus) -> None:
+def _verification(status: answers.DesignStatus) -> None:
     st.subheader("Verification by simulation")
     state = status.verification.state
     if state in ("waiting", "queued", "running"):
@@ -388,7 +388,7 @@ def _verdict_pending(identifier: str) -> None:
         st.rerun()
 
 
-def _verdict(found: models.Verdict) -> None:
+def _verdict(found: answers.Verdict) -> None:
     designs = [d.model_dump() for d in found.designs]
     for d in designs:
         words = (

@@ -5,26 +5,26 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers
 from dldsim.app.web.ui import domain_charts
 from dldsim.app.web.ui.parts import chart
 
 SHAPES = {"biconcave": "biconcave disc", "sphere": "sphere", "ellipsoid": "ellipsoid"}
 
 
-def learnt(info: models.ModelInfo, shape: str) -> list | None:
+def learnt(info: answers.ModelInfo, shape: str) -> list | None:
     """Arrays learnt from of a shape, as (P_r/R, P_g/R, N_p); None: the shape was not learnt."""
     shapes = info.domain["shapes"]
     return shapes[shape]["geometries"] if shape in shapes else None
 
 
-def index_range(info: models.ModelInfo, assay: str | None) -> tuple[float, float]:
+def index_range(info: answers.ModelInfo, assay: str | None) -> tuple[float, float]:
     """Calibrated range of an assay, by default the campaign's own."""
     return info.calibrated_range.get(assay or "", info.deformation_index_range)
 
 
 def show(
-    info: models.ModelInfo,
+    info: answers.ModelInfo,
     request: Mapping[str, Any],
     key: str,
     designs: Sequence[Mapping[str, Any]] = (),
