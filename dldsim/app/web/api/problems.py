@@ -12,7 +12,6 @@ from starlette.exceptions import HTTPException
 
 from dldsim.app.web.api import answers, ranges, specs
 from dldsim.config.explain import allowed_at
-from dldsim.design.measured_cells import INDEX, RADIUS, STIFFNESS
 from dldsim.errors import DldsimError
 
 PREFIX = "/api/v1"
@@ -24,8 +23,6 @@ BODIES: dict[str, type[BaseModel]] = {
     "/stiffness": specs.StiffnessSpec,
     "/measurements": specs.MeasurementsSpec,
 }
-FROM_TABLE = (RADIUS, INDEX, STIFFNESS)
-"""Keys of refusals that mean a column of measured cells."""
 
 
 class Refused(Exception):
@@ -79,16 +76,14 @@ def infeasible(spec: BaseModel, error: DldsimError) -> Refused:
     given = spec.model_dump()
     named = []
     for fault in error.faults:
-        tables = [k for k in given if k.endswith("_csv") and given[k] and k in str(fault)]
-        for key in fault.keys:
-            for name in [key.removeprefix("device.")] if key not in FROM_TABLE else tables:
-                value, *inner = given.get(name.partition(".")[0]), *name.split(".")[1:]
-                for part in inner if value is not None else ():
-                    value = value[int(part) if part.isdigit() else part]
-                if value is not None:
-                    named.append(
-                        answers.FieldProblem(field=name, value=shown(value), message=str(fault))
-                    )
+        for name in (key.removeprefix("device.") for key in fault.keys):
+            value, *inner = given.get(name.partition(".")[0]), *name.split(".")[1:]
+            for part in inner if value is not None else ():
+                value = value[int(part) if part.isdigit() else part]
+            if value is not None:
+                named.append(
+                    answers.FieldProblem(field=name, value=shown(value), message=str(fault))
+                )
     return Refused(422, "infeasible", str(error), named)
 
 
