@@ -22,12 +22,12 @@ from dldsim.solver.pillars import ArrayLattice, make_array
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import (
     bottleneck,
-    describe,
     incurable,
     lag_number,
     margins,
     refined,
     refinement,
+    step_record,
 )
 from dldsim.tables.numerics import columns_of
 from dldsim.vocabulary import SETTLED, STUCK, UNSTABLE
@@ -192,7 +192,7 @@ def _simulate(
         "row_shift_nodes": array.row_shift,
         "height_on_lattice_um": array.height_um,
         "velocity_lu": numerics.velocity_lu,
-        **describe(asked, factor),
+        **step_record(asked, factor),
         "begun_anew": shorter > 1,
         "incurable": incurable(scene),
         "kv_wanted_lu": units.pressure(stiffness.kv_Pa),

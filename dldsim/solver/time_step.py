@@ -166,7 +166,7 @@ def incurable(scene: CellInFlow) -> list[str]:
     return found
 
 
-def describe(given: Margins, factor: float) -> dict:
+def step_record(given: Margins, factor: float) -> dict:
     """For the record of a run: what its time step was asked for, and the factor that answered."""
     shares = {f"margin_{name}": round(value, 4) for name, value in given._asdict().items()}
     return {**shares, "time_step_refinement": round(factor, 4)}
