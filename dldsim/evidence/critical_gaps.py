@@ -17,7 +17,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from dldsim.analysis.uncertainty import BUMP, DECIDED
 from dldsim.config.configuration import Config
 from dldsim.config.identifiers import geometry_id
 from dldsim.config.sections import Geometry
@@ -25,6 +24,7 @@ from dldsim.config.study_sections import CriticalGap, Reference
 from dldsim.errors import DldsimError
 from dldsim.evidence.reference_study import CAMPAIGN, Row, common_sections
 from dldsim.laws import COARSER_ALLOWED, critical_diameter, whole_shift_spacing
+from dldsim.vocabulary import ALIKE, BUMP
 
 TOLERANCE = 0.01
 """Width of the final bracket over the critical gap."""
@@ -172,7 +172,7 @@ def side_of(outcome: Row) -> int:
     distance, mode = outcome["transition_distance"], outcome["mode"]
     if mode == "none":
         return UNKNOWN
-    if outcome["status"] == DECIDED or distance is None:
+    if outcome["status"] == ALIKE or distance is None:
         return BUMPS if mode == BUMP else DOES_NOT
     return BUMPS if distance > 0 else DOES_NOT
 
@@ -373,6 +373,6 @@ def _note(points: Sequence[Row], low: Row | None, high: Row | None) -> str:
             f"gaps {gaps} µm bump"
         )
     remarks = [] if closed(low, high) else [f"bracket not closed after {len(points)} points"]
-    if unsettled := sum(p["status"] != DECIDED for p in points):
+    if unsettled := sum(p["status"] != ALIKE for p in points):
         remarks.append(f"{unsettled} of {len(points)} outcomes are not decided")
     return "; ".join(remarks)

@@ -8,7 +8,7 @@ import numpy as np
 from dldsim.config.sections import RunControl
 from dldsim.experiments.migration import Migration, mode_of
 from dldsim.experiments.settling import MAP_SCATTER, Motion, analyse_path, as_migration, lane_entry
-from dldsim.vocabulary import BROKEN, MODES, SETTLED
+from dldsim.vocabulary import ALIKE, BROKEN, COEXISTING, MODES, SETTLED, STUCK
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def outcome_of(migrations: Mapping[float, Migration], periodicity: int) -> Outco
         high,
         spread,
         *(by_mode[mode] for mode in MODES),
-        status == "coexisting",
+        status == COEXISTING,
         None if None in rows else max(rows),
         min(distances, key=abs, default=None),
         len(found),
@@ -181,11 +181,11 @@ def _verdict(migrations: Mapping[float, Migration]) -> tuple[str, str]:
     status = {one.status for one in found}
     if status <= set(BROKEN):
         return next(s for s in BROKEN if s in status), said
-    if status - {*SETTLED, "stuck"}:
+    if status - {*SETTLED, STUCK}:
         return "undecided", said
     low = max(one.angle_low_deg for one in found if one.status in SETTLED)
     high = min(one.angle_high_deg for one in found if one.status in SETTLED)
-    return ("coexisting" if "stuck" in status or low > high else "decided"), said
+    return (COEXISTING if STUCK in status or low > high else ALIKE), said
 
 
 def next_release(
@@ -199,7 +199,7 @@ def next_release(
     left = [place for place in places if place not in migrations]
     if not left:
         return None
-    known = len(migrations) > 1 and outcome_of(migrations, periodicity).status == "decided"
+    known = len(migrations) > 1 and outcome_of(migrations, periodicity).status == ALIKE
     return None if known and all(map(_far, migrations.values())) else left[0]
 
 

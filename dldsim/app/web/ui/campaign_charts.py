@@ -16,8 +16,9 @@ from dldsim.app.web.ui.chart_style import (
     Row,
     new_figure,
 )
+from dldsim.vocabulary import DECIDED
 
-DECIDED = ("decided", "coexisting", "measured")
+KNOWN = (*DECIDED, "measured")
 """Statuses of outcomes whose angle is known."""
 AXES = {
     **PARAMETER,
@@ -91,7 +92,7 @@ def angles(outcomes: Sequence[Row], x: str, response: str, group: str) -> go.Fig
                 "color": colour,
                 "size": 9,
                 "line": {"color": colour, "width": 1.5},
-                "symbol": [symbol if r["status"] in DECIDED else symbol + "-open" for r in part],
+                "symbol": [symbol if r["status"] in KNOWN else symbol + "-open" for r in part],
             },
             customdata=[
                 [
