@@ -18,7 +18,7 @@ from dldsim.experiments import array_run
 from dldsim.experiments.migration import mode_of
 from dldsim.tables.parquet import write_table
 from dldsim.tables.registry import COLUMNS
-from tests.design.test_search import CHIP, Known, ask, people
+from tests.design.known_surrogate import CHIP, Known, ask, people
 from tests.experiments.test_vtk import SOFT
 
 OUTCOMES = pd.DataFrame(
