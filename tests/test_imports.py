@@ -263,6 +263,20 @@ def test_the_guide_lists_the_floors():
     assert [f"dldsim.{room}" for room in rooms] == FLOORS[1:-1]
 
 
+def test_the_guide_leads_to_what_is_there():
+    """Files of the table of questions, and what is named in brackets beside them."""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[2] for line in text.partition("| question")[2].splitlines()[2:]]
+    assert len(rows) > 10
+    for row in rows:
+        paths = re.findall(r"`([\w./]+\.(?:py|smk))`", row)
+        files = [at / path for path in paths for at in (PACKAGE, ROOT) if (at / path).exists()]
+        assert paths and len(files) == len(paths), row
+        sources = " ".join(file.read_text(encoding="utf-8") for file in files)
+        for name in re.findall(r"`(\w+)", " ".join(re.findall(r"\((.*?)\)", row))):
+            assert re.search(rf"\b{name}\b", sources), (row, name)
+
+
 @pytest.mark.parametrize("module", sorted(LIGHT))
 def test_light_modules_start_light(module):
     top = imports(MODULES[module], MODULES, top=True)
