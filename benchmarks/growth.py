@@ -26,13 +26,13 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from benchmarks.kernels import GEOMETRY, STIFFNESS, median_times, without_cell
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics
-from dldsim.experiments.array_run import make_scene
-from dldsim.experiments.migration import SETTLED
+from dldsim.experiments.array_scene import make_scene
 from dldsim.report.style import render, styled
 from dldsim.solver.flow import EmptyFlow, Fluid
 from dldsim.solver.pillars import make_array
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import margins, refinement
+from dldsim.vocabulary import SETTLED
 
 SWEEPS = {
     "nodes": [{"rows": rows} for rows in (1, 2, 4, 8)],

@@ -20,8 +20,8 @@ import numba
 import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
-from dldsim.experiments.array_run import make_scene
-from dldsim.solver import immersed_boundary, lattice, membrane
+from dldsim.experiments.array_scene import make_scene
+from dldsim.solver import collide, contact, immersed_boundary, lattice, membrane_forces
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.jit import aligned_zeros, restrict
 from dldsim.solver.pillars import make_array
@@ -102,7 +102,7 @@ def core_limits(size: int, dtype, rounds: int) -> dict[str, float]:
 
 def operations_per_update() -> int:
     """Additions and products of one collision without inertia, counted in its source."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(lattice._collide.py_func)))
+    tree = ast.parse(textwrap.dedent(inspect.getsource(collide.collide.py_func)))
     loop = next(node for node in ast.walk(tree) if isinstance(node, ast.For))
 
     def count(nodes) -> int:
@@ -125,7 +125,7 @@ def operations_per_update() -> int:
 
 
 def bytes_per_update(dtype) -> int:
-    """Populations read and written where they were read (see dldsim.solver.lattice)."""
+    """Populations read and written where they were read (see dldsim.solver.stream_collide)."""
     return 2 * 19 * np.dtype(dtype).itemsize
 
 
@@ -194,9 +194,9 @@ def cell_parts(scene: CellInFlow) -> dict[str, Callable[[int], None]]:
     density, answer = np.zeros_like(fluid.force), np.zeros_like(x)
     return {
         "membrane": repeated(
-            membrane.elastic_forces, x, v, scene.membrane, scene.moduli, scene.scratch, total
+            membrane_forces.elastic_forces, x, v, scene.membrane, scene.moduli, scene.scratch, total
         ),
-        "contact": repeated(immersed_boundary.contact_forces, x, scene.contact, answer),
+        "contact": repeated(contact.contact_forces, x, scene.contact, answer),
         "locate": repeated(immersed_boundary.locate, x, scene.domain, scene.stencil),
         "clear force": repeated(_clear, density, density.dtype.type(0)),
         "spread": repeated(immersed_boundary.spread, total * 1e-9, scene.stencil, density),

@@ -35,7 +35,7 @@ from dldsim.experiments.array_run import simulate_run
 from dldsim.experiments.outcome_files import write_run
 from dldsim.experiments.recording import Record
 from dldsim.solver.flow import Fluid, solve_empty_array
-from dldsim.solver.lattice import stream_collide
+from dldsim.solver.stream_collide import stream_collide
 
 COUPLING = ("locate", "clear force", "spread", "interpolate", "contact")
 FIELDS = "force and velocity fields"

@@ -27,7 +27,7 @@ def start(path: str, edge: float) -> None:
     stage("(pandas, for comparison)")
     from benchmarks.kernels import STIFFNESS
     from dldsim.config.sections import Cell
-    from dldsim.experiments.array_run import make_scene
+    from dldsim.experiments.array_scene import make_scene
     from dldsim.solver.flow import EmptyFlow
     from dldsim.solver.pillars import make_array
     from dldsim.solver.time_step import margins

@@ -2,11 +2,13 @@
 
 SETTLED = ("converged", "periodic", "stationary")
 """Statuses of a motion whose angle is known."""
-DECIDED = ("decided", "coexisting")
-"""Statuses of an outcome whose releases have all settled."""
+ALIKE, COEXISTING = "decided", "coexisting"
+DECIDED = (ALIKE, COEXISTING)
+"""Statuses of an outcome whose releases have all settled: in one motion, or in several."""
 STUCK, UNSTABLE = "stuck", "unstable"
 BROKEN = (STUCK, UNSTABLE, "failed")
 """Statuses of a run that broke off, and of an outcome without an angle."""
-MODES = ("bump", "mixed", "zigzag", "none")
+BUMP = "bump"
+MODES = (BUMP, "mixed", "zigzag", "none")
 GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]
 """The columns, and settings, that name an array."""

@@ -11,7 +11,7 @@ import yaml
 from dldsim.config import campaign
 from dldsim.config.presets import read_config
 from dldsim.config.sections import Cell, Flow, Numerics
-from dldsim.experiments.array_run import make_scene
+from dldsim.experiments.array_scene import make_scene
 from dldsim.solver.flow import solve_empty_array
 from dldsim.solver.pillars import make_array
 from dldsim.solver.time_step import lag_number

@@ -60,6 +60,7 @@ LIGHT = {
     "dldsim.analysis.uncertainty",
     "dldsim.evidence.accuracy",
     "dldsim.evidence.reference",
+    "dldsim.evidence.critical_gaps",
     "dldsim.evidence.reference_study",
     "dldsim.evidence.spot_check",
     "dldsim.evidence.stability_sweep",
@@ -131,7 +132,16 @@ WITHOUT_KERNELS = (
 """These read tables and never touch a kernel."""
 RUNS = {
     f"dldsim.experiments.{name}"
-    for name in ("array_run", "assays", "channel", "constriction", "passage", "sheared")
+    for name in (
+        "array_run",
+        "array_outcome",
+        "array_scene",
+        "assays",
+        "channel",
+        "constriction",
+        "passage",
+        "sheared",
+    )
 }
 SLOW = HEAVY - {"numpy", "pyarrow", "numba", "scipy", "pandas", "matplotlib"}
 """Only inside the functions that need them."""
@@ -251,6 +261,20 @@ def test_the_guide_lists_the_floors():
     table = text[text.index("| room") :].partition("\n\n")[0].splitlines()[2:]
     rooms = re.findall(r"`(\w+)/?`", " ".join(line.split("|")[1] for line in table))
     assert [f"dldsim.{room}" for room in rooms] == FLOORS[1:-1]
+
+
+def test_the_guide_leads_to_what_is_there():
+    """Files of the table of questions, and what is named in brackets beside them."""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[2] for line in text.partition("| question")[2].splitlines()[2:]]
+    assert len(rows) > 10
+    for row in rows:
+        paths = re.findall(r"`([\w./]+\.(?:py|smk))`", row)
+        files = [at / path for path in paths for at in (PACKAGE, ROOT) if (at / path).exists()]
+        assert paths and len(files) == len(paths), row
+        sources = " ".join(file.read_text(encoding="utf-8") for file in files)
+        for name in re.findall(r"`(\w+)", " ".join(re.findall(r"\((.*?)\)", row))):
+            assert re.search(rf"\b{name}\b", sources), (row, name)
 
 
 @pytest.mark.parametrize("module", sorted(LIGHT))

@@ -35,7 +35,7 @@ from dldsim.config.configuration import Config
 from dldsim.config.presets import read_config
 from dldsim.config.provenance import STAMP, settings_hash, stamp
 from dldsim.errors import DldsimError
-from dldsim.evidence import reference_study
+from dldsim.evidence import critical_gaps, reference_study
 from dldsim.evidence.validation import CASES
 from dldsim.tables.parquet import METADATA_KEY, read_rows
 
@@ -572,10 +572,10 @@ def test_the_reference_is_a_target_of_its_own(tmp_path):
     folder = copy_workflow(tmp_path)
     counts = planned(folder, "reference")
     config = read_config(ROOT / "config.yaml")
-    searches = reference_study.searches(config)
+    searches = critical_gaps.searches(config)
     assert counts == {
         "reference_pair": len(reference_study.pairs(config)),
-        "critical_gap_point": reference_study.POINTS * len(searches),
+        "critical_gap_point": critical_gaps.POINTS * len(searches),
         "reference_outcomes": 1,
         "critical_gaps": 1,
         "reference": 1,
@@ -588,7 +588,7 @@ def test_a_finished_point_is_not_made_again(tmp_path):
     """The second point of a search, and what follows, but not the first."""
     folder = copy_workflow(tmp_path)
     config = read_config(ROOT / "config.yaml")
-    first = reference_study.search_id(reference_study.searches(config)[0])
+    first = critical_gaps.search_id(critical_gaps.searches(config)[0])
     files = [f"results/reference/searches/{first}--{number}.parquet" for number in range(3)]
     for name in files[:2]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)

@@ -28,7 +28,7 @@ from dldsim.analysis.design_matrix import (
 )
 from dldsim.analysis.permutation import permutation
 from dldsim.errors import DldsimError
-from dldsim.tables.user_table import as_numbers
+from dldsim.tables.user_values import as_numbers
 from dldsim.vocabulary import GEOMETRY
 
 MODELS = ("main_effects", "seed_interactions", "hierarchical")

@@ -5,7 +5,7 @@ import pandas as pd
 
 from dldsim.analysis.design_matrix import ANGLE, DEFORMATION
 from dldsim.errors import DldsimError
-from dldsim.tables.user_table import as_keys, as_numbers, check_plausible, need
+from dldsim.tables.user_values import as_keys, as_numbers, check_plausible, need
 from dldsim.vocabulary import GEOMETRY
 
 NEEDED = [*GEOMETRY, DEFORMATION, ANGLE]

@@ -13,7 +13,7 @@ import pandas as pd
 
 from dldsim.config.explain import did_you_mean
 from dldsim.errors import DldsimError
-from dldsim.tables.user_table import PLAUSIBLE, as_keys, as_numbers, check_plausible
+from dldsim.tables.user_values import PLAUSIBLE, as_keys, as_numbers, check_plausible
 
 MODULI = ["ks_uN_per_m", "kal_uN_per_m", "kb_pN_um"]
 POINT = ["assay", "cell_shape", "cell_radius_um", "group"]

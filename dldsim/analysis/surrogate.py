@@ -10,7 +10,6 @@ holds.
 import copy
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +21,7 @@ import pandas as pd
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis import domain
 from dldsim.analysis.benchmark import FOLDS, folds_of, groups_of, pooled, tune
+from dldsim.analysis.conformal import factors_of, reach_of, scores_of
 from dldsim.analysis.features import (
     ANGLE,
     FEATURES,
@@ -56,8 +56,6 @@ KIND = "dldsim surrogate of the migration angle"
 LEVELS = (0.68, 0.9)
 """Levels at which the coverage of the intervals is measured."""
 LEVEL = 0.9
-SPREAD_FLOOR = 0.01
-"""Least variance of a share in the scores: near the limits errors are small, but not zero."""
 TARGET = {"r2": 0.95, "median_absolute_error_deg": 0.3}
 """What a designer would like on geometries never seen."""
 BEAD = "sphere"
@@ -65,54 +63,6 @@ BEAD = "sphere"
 BEAD_ROWS = (4, 5, 6, 8, 12)
 """Periodicities at which beads are held against the law of the critical diameter."""
 BEAD_STEPS = 200
-
-
-# ------------------------------------------------------------------------------ conformal intervals
-
-
-def spread_of(share) -> np.ndarray:
-    """Scale of the error of a predicted share s: √(s (1 − s) + floor), largest half way."""
-    share = np.clip(share, 0, 1)
-    return np.sqrt(share * (1 - share) + SPREAD_FLOOR)
-
-
-def conformal_factor(scores: list[list[float]], level: float) -> float:
-    """Smallest q so that a share level of scores of a new geometry is below q; inf if too few.
-
-    `scores` holds those of each geometry. Every geometry has equal weight, and one more of unknown,
-    infinite score stands for the new one (hierarchical conformal prediction, Lee, Barber & Willett,
-    arXiv:2306.06342, eq. 4).
-    """
-    if not scores:
-        return float("inf")
-    values = np.concatenate([np.asarray(s, float) for s in scores])
-    weights = np.concatenate([np.full(len(s), 1 / len(s)) for s in scores]) / (len(scores) + 1)
-    order = np.argsort(values)
-    reached = np.flatnonzero(np.cumsum(weights[order]) >= level - 1e-12)
-    return float(values[order][reached[0]]) if reached.size else float("inf")
-
-
-def _scores(
-    predicted: np.ndarray, observed: np.ndarray, groups: np.ndarray, shape: np.ndarray
-) -> dict[str, list[list[float]]]:
-    """Error of shares over its scale, by shape and group."""
-    score = np.abs(observed - predicted) / spread_of(predicted)
-    return {
-        str(name): [score[(shape == name) & (groups == g)].tolist() for g in np.unique(groups[own])]
-        for name in np.unique(shape)
-        for own in [shape == name]
-    }
-
-
-def factors_of(scores: Mapping[str, list[list[float]]], level: float) -> dict[str, float]:
-    """`conformal_factor` of each shape."""
-    return {shape: conformal_factor(own, level) for shape, own in scores.items()}
-
-
-def _reach(factors: Mapping[str, float], shape, share) -> np.ndarray:
-    """Half-width of the interval of shares, (n,); infinite for shapes without scores."""
-    names, where = np.unique(shape, return_inverse=True)
-    return np.array([factors.get(name, np.inf) for name in names])[where] * spread_of(share)
 
 
 @dataclass
@@ -164,7 +114,7 @@ class Surrogate:
         least, largest = self.card["conformal"]["range"]
         if level not in self._factors:
             self._factors[level] = factors_of(self.card["conformal"]["scores"], level)
-        reach = _reach(self._factors[level], shape, share)
+        reach = reach_of(self._factors[level], shape, share)
         reach = np.where(self.inside_domain(*at), reach, np.inf)
         return (
             angle_of(np.clip(share - reach, least, largest), rows),
@@ -252,10 +202,10 @@ def fit(outcomes: pd.DataFrame, seed: int, survey: pd.DataFrame | None = None) -
     for train, test in folds_of(groups, FOLDS, seed):
         chosen, inner = tune(prototype, grid, x[train], y[train], groups[train], seed)
         held_out[test] = chosen.fit(x[train], y[train]).predict(x[test])
-        known = _scores(share_of(inner, rows[train]), share[train], groups[train], shape[train])
+        known = scores_of(share_of(inner, rows[train]), share[train], groups[train], shape[train])
         predicted = share_of(held_out[test], rows[test])
         for level in LEVELS:
-            reach = _reach(factors_of(known, level), shape[test], predicted)
+            reach = reach_of(factors_of(known, level), shape[test], predicted)
             covered.append(
                 pd.DataFrame(
                     {
@@ -303,7 +253,7 @@ def fit(outcomes: pd.DataFrame, seed: int, survey: pd.DataFrame | None = None) -
             )
         },
         "conformal": {
-            "scores": _scores(share_of(held_out, rows), share, groups, shape),
+            "scores": scores_of(share_of(held_out, rows), share, groups, shape),
             "range": [float(min(share.min(), 0)), float(max(share.max(), 1))],
             "measured": [
                 _coverage(level, name, part)

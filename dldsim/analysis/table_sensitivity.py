@@ -21,7 +21,7 @@ from dldsim.analysis.regressors import ON_INDEX, SURROGATE, make_regressors
 from dldsim.analysis.sensitivity import indices, sobol
 from dldsim.analysis.surrogate import fit
 from dldsim.errors import DldsimError
-from dldsim.tables.user_table import as_numbers, check_plausible
+from dldsim.tables.user_values import as_numbers, check_plausible
 from dldsim.vocabulary import GEOMETRY
 
 WHERE = "Sobol indices"

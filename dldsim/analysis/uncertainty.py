@@ -27,7 +27,7 @@ from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.provenance import settings_hash
 from dldsim.errors import DldsimError
 from dldsim.tables.numerics import settings_of
-from dldsim.vocabulary import SETTLED
+from dldsim.vocabulary import ALIKE, BUMP, COEXISTING, SETTLED
 
 Row = Mapping[str, Any]
 Pair = tuple[Row, Row]
@@ -45,11 +45,10 @@ RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
 SPANS, NO_ANGLE = "spans the modes", "no angle"
 """Kinds of σ_num, column `sigma_num_kind`."""
-DECIDED, BUMP = "decided", "bump"
-OPEN = ("undecided", "coexisting")
+OPEN = ("undecided", COEXISTING)
 """Outcomes whose mode depends on what was not seen, or on the place of entry."""
 SIDES = "bump lane", "no bump lane"
-KNOWN = (DECIDED, *SETTLED)
+KNOWN = (ALIKE, *SETTLED)
 """Statuses of an outcome, and of a run, whose motion is known."""
 
 
@@ -108,7 +107,7 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
         if None not in known:
             distances[_side(row)].append(known[0] - known[1])
         error = error_of(row, reference)
-        decided = row["status"] == reference["status"] == DECIDED
+        decided = row["status"] == reference["status"] == ALIKE
         if error is not None and decided and _bumps(row) == _bumps(reference):
             shares.append(error / row["bump_angle_deg"])
         if row["spacing_um"] and reference["spacing_um"]:

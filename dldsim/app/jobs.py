@@ -191,7 +191,7 @@ def attempt_outcome(
 
     def simulate() -> None:
         start = empty_flow()
-        from dldsim.experiments.array_run import simulate_outcome
+        from dldsim.experiments.array_outcome import simulate_outcome
 
         result = simulate_outcome(
             *parts,

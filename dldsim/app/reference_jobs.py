@@ -15,7 +15,8 @@ from dldsim.config.configuration import sections_from
 from dldsim.config.identifiers import Pair, outcome_id, parse_outcome
 from dldsim.config.provenance import provenance
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
-from dldsim.evidence import reference_study, spot_check
+from dldsim.evidence import critical_gaps, reference_study, spot_check
+from dldsim.evidence.convergence import convergence_table
 from dldsim.evidence.reference_study import CAMPAIGN, Row
 from dldsim.experiments.outcome_files import NOT_JOINED, Partial, Progress
 from dldsim.files import atomic_path
@@ -29,7 +30,7 @@ def simulator(partial: Path, progress: Progress) -> Simulator:
     """A Simulator that keeps finished releases under ``partial`` while it is at work."""
 
     def simulate(identifier, geometry, stiffness_set, settings):
-        from dldsim.experiments.array_run import simulate_outcome
+        from dldsim.experiments.array_outcome import simulate_outcome
 
         control = RunControl(**settings["run_control"])
         kept = Partial(Path(partial) / identifier, identifier, settings)
@@ -73,18 +74,18 @@ def point_job(
     ``before``: points so far, None for the first. ``start``: points of the search at the campaign's
     numerics, None for that search itself.
     """
-    search = reference_study.parse_search(identifier)
+    search = critical_gaps.parse_search(identifier)
 
     def simulate_array(geometry: Geometry, numerics: Mapping[str, Any]) -> Row:
         name = outcome_id(Pair(geometry, search.stiffness_set))
         return simulate(name, geometry, search.stiffness_set, {**settings, "numerics": numerics})
 
-    points = reference_study.advance(
+    points = critical_gaps.advance(
         search,
         read_rows("critical_gap_points", before) if before else [],
         settings,
         simulate_array,
-        reference_study.start_from(read_rows("critical_gap_points", start)) if start else None,
+        critical_gaps.start_from(read_rows("critical_gap_points", start)) if start else None,
     )
     write_table("critical_gap_points", points, table, provenance(settings))
 
@@ -95,13 +96,13 @@ def gather_gaps(
     """`critical_gaps` and `convergence` from searches (identifier, file of their last point)."""
     config, rows = sections_from(settings), []
     for identifier, path in searches:
-        search = reference_study.parse_search(identifier)
+        search = critical_gaps.parse_search(identifier)
         points = read_rows("critical_gap_points", path)
         rows.append(
-            reference_study.result(search, points, reference_study.search_settings(search, config))
+            critical_gaps.result(search, points, critical_gaps.search_settings(search, config))
         )
     _write("critical_gaps", rows, gaps, settings)
-    _write("convergence", reference_study.convergence(rows, config), convergence, settings)
+    _write("convergence", convergence_table(rows, config), convergence, settings)
 
 
 def gather_pairs(

@@ -20,6 +20,7 @@ from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, Ru
 from dldsim.design.outlets import Paths, Split
 from dldsim.errors import DldsimError, NoRoom
 from dldsim.experiments.outcome_files import Progress, made_with
+from dldsim.laws import rest_thickness
 from dldsim.tables.parquet import read_rows, write_table
 from dldsim.vocabulary import SETTLED
 
@@ -60,11 +61,8 @@ def release_places(level: np.ndarray, nearest: np.ndarray) -> np.ndarray:
 
 def half_extent_um(cell: CellShape) -> float:
     """Half of a cell's size across the gap as it is released."""
-    if cell.axis != "y" or cell.shape == "sphere":
-        return cell.radius_um
-    # Evans & Fung: a biconcave disc is at most 2.57 µm thick at a radius of 3.91 µm
-    part = 2.57 / 2 / 3.91 if cell.shape == "biconcave" else cell.aspect_ratio
-    return part * cell.radius_um
+    thickness = rest_thickness(cell.shape, cell.aspect_ratio) if cell.axis == "y" else 2.0
+    return thickness / 2 * cell.radius_um
 
 
 class Setting(NamedTuple):

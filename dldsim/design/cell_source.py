@@ -122,7 +122,7 @@ def _stiffness_of(
         raise DldsimError(
             f"{cells.source}: {beyond:.0%} of the measured indices are outside the calibration, "
             f"{allowed} for cells of these radii.",
-            key=INDEX,
+            key=(INDEX, cells.source),
             value=beyond,
             allowed=f"{allowed}, for at least {1 - BEYOND_MAX:.0%} of the cells",
             remedy="Name the assay by which they were measured, or another sample.",

@@ -7,7 +7,7 @@ import pandas as pd
 
 from dldsim.analysis.calibration import curve_of, default_curves, stiffness_for
 from dldsim.errors import DldsimError
-from dldsim.tables.user_table import as_keys
+from dldsim.tables.user_values import as_keys
 
 SLIT = "constriction"
 """Kind of the assays whose index is that of a cell squeezed between walls."""

@@ -165,12 +165,12 @@ def make_record(
     record["columns"] = {
         n: {"unit": unit, "description": text}
         for n in sorted(names)
-        for unit, text in [describe(n)]
+        for unit, text in [meaning_of(n)]
     }
     return _plain(record)
 
 
-def describe(quantity: str) -> tuple[str, str]:
+def meaning_of(quantity: str) -> tuple[str, str]:
     """Unit and meaning of a quantity, from the tables `designs` and `outcomes` or from its name."""
     for kind in ("designs", "outcomes"):
         for column in COLUMNS[kind]:
@@ -238,7 +238,7 @@ def _write_csv(record: Mapping[str, Any], path: Path) -> None:
             for key, value in values.items():
                 if isinstance(value, list | dict):
                     value = json.dumps(value, ensure_ascii=False)
-                writer.writerow([section, key, value, *describe(key)])
+                writer.writerow([section, key, value, *meaning_of(key)])
 
 
 def _plain(value: Any) -> Any:

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from dldsim.errors import DldsimError
-from dldsim.tables.user_table import as_numbers, check_plausible, need, read_user_table
+from dldsim.tables.user_table import read_user_table
+from dldsim.tables.user_values import as_numbers, check_plausible, need
 
 RADIUS, INDEX, STIFFNESS = "radius_um", "deformation_index", "ks_uN_per_m"
 FEWEST = 2

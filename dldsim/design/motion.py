@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from dldsim.analysis.conformal import spread_of
 from dldsim.analysis.features import CellInFlow, share_of
-from dldsim.analysis.surrogate import Surrogate, spread_of
+from dldsim.analysis.surrogate import Surrogate
 from dldsim.config.sections import Geometry
 from dldsim.design.outlets import MODES, Cells, Predictor
 from dldsim.design.populations import Population

@@ -108,7 +108,7 @@ class Simulator:
         return row
 
     def _simulate(self, geometry, population, scene: Scene, name: str, settings: Mapping) -> None:
-        from dldsim.experiments.array_run import simulate_outcome
+        from dldsim.experiments.array_outcome import simulate_outcome
         from dldsim.experiments.vtk import Recorder, write_vtkhdf
 
         files, shapes = self._files(name)

@@ -181,7 +181,7 @@ def replay(row: Mapping[str, Any], tolerance: float, max_rows: int) -> dict[str,
     """
     import numpy as np
 
-    from dldsim.experiments.migration import analyse_path
+    from dldsim.experiments.settling import analyse_path
 
     lateral = np.concatenate([[0.0], np.cumsum(row["lateral_steps_um"])])
     last, result = len(lateral) - 1, None

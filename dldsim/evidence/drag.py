@@ -26,9 +26,10 @@ from dldsim.solver.immersed_boundary import (
     spread,
 )
 from dldsim.solver.jit import jit
-from dldsim.solver.lattice import make_lattice, stream_collide
+from dldsim.solver.lattice import make_lattice
 from dldsim.solver.membrane import make_membrane, vertex_areas
 from dldsim.solver.mesh import frequency_for_edge, icosphere
+from dldsim.solver.stream_collide import stream_collide
 from dldsim.solver.time_loop import MEMBRANE_SLIP
 
 BOX = 8

@@ -127,16 +127,19 @@ CASES = {
     "hydrodynamic-radius": Case(
         "Sphere of vertices under uniform traction",
         "cell",
-        "validation_cell.hydrodynamic_radius",
+        "validation_drag.hydrodynamic_radius",
         "Zick & Homsy 1982, J. Fluid Mech. 115:13, simple cubic",
     ),
     "capsule-in-shear": Case(
-        "Capsule in simple shear", "cell", "validation_cell.capsule_in_shear", "boundary integral"
+        "Capsule in simple shear",
+        "cell",
+        "validation_capsule.capsule_in_shear",
+        "boundary integral",
     ),
     "rigid-transition": Case(
         "Stiff sphere between bump and zigzag",
         "cell",
-        "validation_cell.rigid_transition",
+        "validation_transition.rigid_transition",
         "D_c = 1.4 G ε^0.48, Davis 2008",
     ),
     "sphere-in-channel": Case(
@@ -148,7 +151,7 @@ CASES = {
     "constriction-shape": Case(
         "Cell in a constriction, channel inferred",
         "cell",
-        "validation_cell.constriction_shape",
+        "validation_constriction.constriction_shape",
         "source paper, table of the constriction validation",
     ),
     "left-out": Case(

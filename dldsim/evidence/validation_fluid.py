@@ -14,8 +14,9 @@ from dldsim.config.sections import Flow, Geometry, Numerics
 from dldsim.evidence.reference import read_reference
 from dldsim.evidence.validation import Comparison
 from dldsim.laws import viscosity
+from dldsim.solver.d3q19 import VELOCITIES, WEIGHTS
 from dldsim.solver.flow import EmptyFlow, Fluid, advance_to_steady, array_of, solve_empty_array
-from dldsim.solver.lattice import VELOCITIES, WEIGHTS, Lattice, make_lattice
+from dldsim.solver.lattice import Lattice, make_lattice
 from dldsim.solver.pillars import make_pillars
 
 RELAXATION_TIME = 3.0

@@ -12,6 +12,7 @@ from dldsim.evidence.validation import Comparison
 from dldsim.solver import membrane as mb
 from dldsim.solver import mesh
 from dldsim.solver.membrane import Membrane, Moduli
+from dldsim.solver.membrane_forces import elastic_forces, measure_edges, measure_faces
 
 ESPRESSO_MODULI = {"ks": 0.0051, "kb": 4.3e-5, "kal": 0.0102, "kag": 0.5, "kv": 0.9, "kvisc": 1.5}
 """Of the tables in membrane_forces; µm, nN, µs."""
@@ -42,7 +43,7 @@ def membrane_forces() -> Iterator[Comparison]:
         if term == "kvisc":
             moduli = moduli._replace(ks=2e-10)
         force = np.empty_like(x)
-        mb.elastic_forces(x, v, membrane, moduli, mb.make_scratch(membrane), force)
+        elastic_forces(x, v, membrane, moduli, mb.make_scratch(membrane), force)
         norm = np.linalg.norm(expected)
         yield Comparison(
             f"force of {term}, norm" if term != "all" else "force of all terms, norm",
@@ -72,7 +73,7 @@ def equilibrium(x, membrane: Membrane, moduli: Moduli, pull, tolerance: float) -
     x, v, force, scratch = x.copy(), np.zeros_like(x), np.empty_like(x), mb.make_scratch(membrane)
     step, mixing, downhill = LARGEST_STEP / 2, 0.1, 0
     for _ in range(STEPS_AT_MOST):
-        mb.elastic_forces(x, v, membrane, moduli, scratch, force)
+        elastic_forces(x, v, membrane, moduli, scratch, force)
         force += pull
         if np.abs(force).max() <= tolerance * total:
             return x
@@ -276,8 +277,8 @@ def dihedral(x: np.ndarray) -> float:
     faces = np.array([[0, 1, 2], [1, 0, 3]], np.int32)
     edge = np.array([[0, 1]], np.int32)
     scratch = mb.make_scratch(mesh.Topology(faces, edge, edge, 0 * faces))
-    mb.measure_faces(x, scratch)
-    mb.measure_edges(x, scratch)
+    measure_faces(x, scratch)
+    measure_edges(x, scratch)
     return float(scratch.angles[0])
 
 

@@ -8,9 +8,10 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.evidence.validation import Comparison
-from dldsim.experiments.array_run import make_scene, simulate_run
+from dldsim.experiments.array_run import simulate_run
+from dldsim.experiments.array_scene import make_scene
 from dldsim.solver.flow import Fluid, solve_empty_array
-from dldsim.solver.membrane import elastic_forces
+from dldsim.solver.membrane_forces import elastic_forces
 from dldsim.solver.pillars import make_array, make_pillars
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_loop import DAMPING_INTERVAL

@@ -17,8 +17,9 @@ from dldsim.errors import DldsimError
 from dldsim.experiments.runner import Stop, advance_until
 from dldsim.laws import viscosity
 from dldsim.solver import membrane as mb
+from dldsim.solver.d3q19 import VELOCITIES, WEIGHTS
 from dldsim.solver.flow import Fluid
-from dldsim.solver.lattice import VELOCITIES, WEIGHTS, make_lattice
+from dldsim.solver.lattice import make_lattice
 from dldsim.solver.observe import Sample
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.time_step import elastic_frequency, frequency_limit

@@ -20,16 +20,12 @@ from dldsim.config.sections import Flow, Geometry, Numerics
 from dldsim.errors import DldsimError
 from dldsim.files import atomic_path, why_not_read
 from dldsim.laws import viscosity
+from dldsim.solver.collide import collision_parameters
 from dldsim.solver.jit import aligned_zeros, jit
-from dldsim.solver.lattice import (
-    BLOCK,
-    FluidState,
-    Lattice,
-    Scheme,
-    collision_parameters,
-    stream_collide,
-)
+from dldsim.solver.lattice import Lattice
 from dldsim.solver.pillars import ArrayLattice, make_array
+from dldsim.solver.stream_collide import FluidState, Scheme, stream_collide
+from dldsim.solver.streaming import BLOCK
 
 STEADY_TOLERANCE = {"float32": 2e-6, "float64": 1e-9}
 """Relative change of the mean velocity per viscous time across the gap that counts as steady."""

@@ -9,28 +9,20 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Numerics, Stiffness
 from dldsim.errors import DldsimError
+from dldsim.solver.contact import Contact, clearance
 from dldsim.solver.flow import Fluid
-from dldsim.solver.immersed_boundary import (
-    EVEN_ODD,
-    Contact,
-    clearance,
-    interpolate,
-    locate,
-    make_domain,
-    make_stencil,
-)
+from dldsim.solver.immersed_boundary import EVEN_ODD, interpolate, locate, make_domain, make_stencil
 from dldsim.solver.membrane import (
     Energies,
     Membrane,
     Moduli,
     Scratch,
-    elastic_forces,
     energies,
     make_membrane,
     make_scratch,
-    measure_faces,
     vertex_areas,
 )
+from dldsim.solver.membrane_forces import elastic_forces, measure_faces
 from dldsim.solver.mesh import area, frequency_for_edge, make_shape
 from dldsim.solver.mirror import NO_MIRROR, half_of, reflect, spread_both
 from dldsim.solver.observe import Sample, centroid, fastest, inverted_faces
@@ -156,7 +148,7 @@ class CellInFlow:
         drive: Drive | None = None,
     ):
         """``stiffness``: or `Moduli`, in lattice units; ``surfaces``: fields of
-        :class:`dldsim.solver.immersed_boundary.Contact` that name surfaces; without a ``drive``
+        :class:`dldsim.solver.contact.Contact` that name surfaces; without a ``drive``
         (`time_loop.make_drive`) the body force stays as it is.
         """
         self.fluid, self.units, self.numerics = fluid, units, numerics

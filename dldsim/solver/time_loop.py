@@ -8,19 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dldsim.solver.immersed_boundary import (
-    Contact,
-    Domain,
-    Stencil,
-    contact_forces,
-    interpolate,
-    interpolate_both,
-    locate,
-)
+from dldsim.solver.contact import Contact, contact_forces
+from dldsim.solver.immersed_boundary import Domain, Stencil, interpolate, interpolate_both, locate
 from dldsim.solver.jit import jit
-from dldsim.solver.lattice import Lattice, damp_staggered_momentum, stream_collide
-from dldsim.solver.membrane import Membrane, Moduli, Scratch, elastic_forces, vertex_normals
+from dldsim.solver.lattice import Lattice
+from dldsim.solver.membrane import Membrane, Moduli, Scratch
+from dldsim.solver.membrane_forces import elastic_forces, vertex_normals
 from dldsim.solver.mirror import Mirror, reflect, spread_both
+from dldsim.solver.stream_collide import damp_staggered_momentum, stream_collide
 
 MEMBRANE_SLIP = {
     "compact": (0.258, 0.044),
@@ -100,7 +95,7 @@ class Body(NamedTuple):
 
 
 class Elasticity(NamedTuple):
-    """What the forces of a membrane follow from: see :mod:`dldsim.solver.membrane`."""
+    """What the forces of a membrane follow from: see :mod:`dldsim.solver.membrane_forces`."""
 
     membrane: Membrane
     moduli: Moduli

@@ -15,7 +15,7 @@ import numpy as np
 from dldsim.config.sections import Numerics
 from dldsim.laws import LARGEST_TENSION, area_modulus
 from dldsim.solver.immersed_boundary import EVEN_ODD
-from dldsim.solver.membrane import elastic_forces
+from dldsim.solver.membrane_forces import elastic_forces
 from dldsim.solver.scene import CellInFlow, largest_gain
 
 THRESHOLDS = {0.52: 0.26, 0.55: 0.39, 0.65: 0.8, 0.8: 1.44, 1.25: 2.0, 2.0: 1.78, 3.0: 1.34}
@@ -166,7 +166,7 @@ def incurable(scene: CellInFlow) -> list[str]:
     return found
 
 
-def describe(given: Margins, factor: float) -> dict:
+def step_record(given: Margins, factor: float) -> dict:
     """For the record of a run: what its time step was asked for, and the factor that answered."""
     shares = {f"margin_{name}": round(value, 4) for name, value in given._asdict().items()}
     return {**shares, "time_step_refinement": round(factor, 4)}

@@ -7,7 +7,7 @@ import pytest
 from dldsim.analysis.robustness import most_frequent, robustness
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
-from tests.analysis.test_anova import DI, factorial, noisy
+from tests.analysis.made_factorial import DI, factorial, noisy
 
 
 def test_robustness_score_by_hand():

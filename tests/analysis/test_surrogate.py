@@ -132,30 +132,6 @@ def test_a_shape_of_few_outcomes_has_wide_intervals():
     assert high[0] - low[0] >= 0.999 * np.degrees(np.arctan(1 / row["periodicity"]))
 
 
-def test_conformal_factor_by_hand():
-    """Three geometries and the unknown one weigh a quarter each."""
-    scores = [[0.1, 0.2], [0.3], [0.4]]
-    assert surrogate.conformal_factor(scores, 0.25) == 0.2
-    assert surrogate.conformal_factor(scores, 0.5) == 0.3
-    assert surrogate.conformal_factor(scores, 0.75) == 0.4
-    assert surrogate.conformal_factor(scores, 0.76) == np.inf
-
-
-@pytest.mark.parametrize("level", [0.5, 0.8, 0.9])
-def test_conformal_coverage_on_clustered_noise(level):
-    """Geometries with a common error: pooling all rows as if independent would cover too little."""
-    rng = np.random.default_rng(2)
-
-    def geometry():
-        return np.abs(rng.normal() + 0.3 * rng.normal(size=4))
-
-    covered = []
-    for _ in range(400):
-        factor = surrogate.conformal_factor([geometry() for _ in range(30)], level)
-        covered.append((geometry() <= factor).mean())
-    assert level - 0.03 < np.mean(covered) < level + 0.06
-
-
 def test_intervals_hold_the_prediction_and_widen_with_the_level(fitted):
     at = ([6, 8, 9], [15, 17, 20], [5, 6, 9], cell())
     centre = fitted.predict(*at)

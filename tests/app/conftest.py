@@ -9,7 +9,7 @@ from dldsim.tables.numerics import columns_of
 from dldsim.tables.parquet import read_table, write_table
 from dldsim.tables.registry import COLUMNS
 from tests.analysis.made_outcomes import make_outcomes
-from tests.design.test_search import make_flows
+from tests.design.test_chip import make_flows
 
 SETS = {"1": 5.1, "2": 10.0, "3": 20.3}
 

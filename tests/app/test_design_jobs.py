@@ -19,7 +19,7 @@ from dldsim.tables.parquet import read_rows, read_table, write_table
 from dldsim.tables.registry import COLUMNS
 from tests.app.conftest import SETS
 from tests.app.test_cli import call
-from tests.design.test_search import Known, ask, hill, run
+from tests.design.known_surrogate import Known, ask, hill, run
 from tests.design.test_verification import Nature, summit
 from tests.design.test_verification import check as check_designs
 

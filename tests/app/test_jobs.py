@@ -149,12 +149,14 @@ def test_an_interrupted_outcome_loses_only_the_release_under_way(files, monkeypa
             raise KeyboardInterrupt
         return release(place)
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", partial(simulate, stop=0.2))
+    monkeypatch.setattr(
+        "dldsim.experiments.array_outcome.simulate_run", partial(simulate, stop=0.2)
+    )
     with pytest.raises(KeyboardInterrupt):
         do(files, tmp_path)
     assert asked == [0.5, 0.2] and not outcome_files(tmp_path).outcome.exists()
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", simulate)
     other = OF_SET | {"flow": OF_SET["flow"] | {"mean_velocity_mm_s": 2.0}}
     assert Partial(tmp_path / "p", OUTCOME, other).finished([0.5]) == {}
     asked.clear()
@@ -182,7 +184,7 @@ def test_an_outcome_without_rows_left_is_undecided_within_bounds(files, monkeypa
         limits.append(sections[5].max_rows)
         return release(sections[2].release_gap_fraction, sections[5].max_rows, lane=False)
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", simulate)
     control = OF_SET["run_control"] | {"max_rows": 8, "outcome_rows_max": 14}
     tables = do(files, tmp_path, OF_SET | {"run_control": control})
     assert limits == [8, 6]  # the third place has no rows left
@@ -200,7 +202,7 @@ def test_a_crash_keeps_the_finished_releases(files, monkeypatch, tmp_path):
             raise DldsimError("does not fit")
         return release(place)
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", simulate)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", simulate)
     tables = do(files, tmp_path)
     [row] = read_rows("outcomes", tables.outcome)
     assert (row["status"], row["stop_reason"]) == ("failed", "does not fit")

@@ -10,7 +10,7 @@ from dldsim.config.identifiers import parse_outcome
 from dldsim.config.presets import read_config
 from dldsim.config.sections import Numerics
 from dldsim.errors import DldsimError
-from dldsim.evidence import reference_study
+from dldsim.evidence import critical_gaps, reference_study
 from dldsim.tables.numerics import COLUMN_OF, columns_of
 from dldsim.tables.parquet import read_rows, write_table
 from dldsim.tables.registry import COLUMNS
@@ -91,13 +91,13 @@ def results(tmp_path_factory, config, pairs):
         check=folder / "sigma_num_check.parquet",
     )
     searches = []
-    for search in reference_study.searches(config):
-        name, start = reference_study.search_id(search), None
+    for search in critical_gaps.searches(config):
+        name, start = critical_gaps.search_id(search), None
         if search != search.at_campaign:
-            start = _point(folder, search.at_campaign, reference_study.POINTS - 1)
-        settings = reference_study.search_settings(search, config)
+            start = _point(folder, search.at_campaign, critical_gaps.POINTS - 1)
+        settings = critical_gaps.search_settings(search, config)
         before = None
-        for number in range(reference_study.POINTS):
+        for number in range(critical_gaps.POINTS):
             table = _point(folder, search, number)
             reference_jobs.point_job(
                 name, settings, before=before, start=start, table=table, simulate=simulate
@@ -115,13 +115,13 @@ def results(tmp_path_factory, config, pairs):
 
 
 def _point(folder, search, number):
-    return folder / "searches" / f"{reference_study.search_id(search)}--{number}.parquet"
+    return folder / "searches" / f"{critical_gaps.search_id(search)}--{number}.parquet"
 
 
 def test_the_study_finds_the_made_up_critical_gap(results, config):
     """Where 17.2 µm − 0.3 times the spacing there is, in each search whose bracket holds it."""
     rows = read_rows("critical_gaps", results / "reference" / "critical_gaps.parquet")
-    assert len(rows) == len(reference_study.searches(config))
+    assert len(rows) == len(critical_gaps.searches(config))
     inside = [r for r in rows if r["critical_gap_um"] is not None]
     assert len(inside) > 20
     for row in inside:

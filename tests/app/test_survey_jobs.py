@@ -32,8 +32,8 @@ class Solver:
     def __init__(self, monkeypatch, fails=None):
         self.flows, self.scenes, self.fails = 0, [], fails
         monkeypatch.setattr(flow_module, "solve_empty_array", self.solve)
-        monkeypatch.setattr("dldsim.experiments.array_run.solve_empty_array", self.solve)
-        monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", self.run)
+        monkeypatch.setattr("dldsim.experiments.array_outcome.solve_empty_array", self.solve)
+        monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", self.run)
 
     def solve(self, *sections):
         self.flows += 1

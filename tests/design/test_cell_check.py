@@ -42,7 +42,9 @@ def test_places_of_release_follow_the_flow():
 
 def test_extent_across_the_gap():
     assert half_extent_um(CellShape(shape="sphere", radius_um=5)) == 5
-    assert half_extent_um(CellShape(radius_um=3.91)) == pytest.approx(1.285)
+    # A red cell of 7.82 µm is 2.57 µm thick by the published profile.
+    assert half_extent_um(CellShape(radius_um=3.91)) == pytest.approx(2.57 / 2, rel=0.01)
+    assert half_extent_um(CellShape(shape="ellipsoid", radius_um=5, aspect_ratio=0.4)) == 2
     assert half_extent_um(CellShape(radius_um=5, axis="z")) == 5
 
 

@@ -14,9 +14,9 @@ from PIL import Image
 from dldsim import PHYSICS_VERSION
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl
-from dldsim.design.export import FILES, Verified, describe, export_design, make_streams
+from dldsim.design.export import FILES, Verified, export_design, make_streams, meaning_of
 from dldsim.errors import DldsimError
-from dldsim.experiments.array_run import simulate_outcome
+from dldsim.experiments.array_outcome import simulate_outcome
 from dldsim.experiments.vtk import Recorder
 from dldsim.solver.flow import solve_empty_array
 from dldsim.tables.registry import COLUMNS
@@ -189,7 +189,7 @@ def test_csv_has_a_unit_for_every_length_and_angle(files):
     ],
 )
 def test_units_by_name(quantity, unit):
-    assert describe(quantity)[0] == unit
+    assert meaning_of(quantity)[0] == unit
 
 
 def test_without_a_run_the_mask_shows_the_prediction(tmp_path):

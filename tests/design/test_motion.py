@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim.analysis.surrogate import conformal_factor, spread_of
+from dldsim.analysis.conformal import conformal_factor, spread_of
 from dldsim.config.sections import Flow, Geometry, Stiffness
 from dldsim.design.motion import (
     BEYOND,

@@ -18,7 +18,7 @@ from dldsim.experiments import array_run
 from dldsim.experiments.migration import mode_of
 from dldsim.tables.parquet import write_table
 from dldsim.tables.registry import COLUMNS
-from tests.design.test_search import CHIP, Known, ask, people
+from tests.design.known_surrogate import CHIP, Known, ask, people
 from tests.experiments.test_vtk import SOFT
 
 OUTCOMES = pd.DataFrame(
@@ -351,7 +351,7 @@ def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
     def forbidden(*arguments, **options):
         raise AssertionError("simulated again")
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", forbidden)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", forbidden)
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", forbidden)
     again = Simulator(simulator.directory, SCENE)
     assert again(GEOMETRY, SMALL, 12.0) == row
@@ -380,7 +380,7 @@ def test_an_interrupted_outcome_goes_on_with_its_next_release(simulated, tmp_pat
             raise KeyboardInterrupt
         return simulate(*sections, **options)
 
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", stop)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", stop)
     simulator = Simulator(tmp_path, SCENE)
     with pytest.raises(KeyboardInterrupt):
         simulator(GEOMETRY, SMALL, 12.0)

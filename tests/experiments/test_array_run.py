@@ -6,38 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dldsim.analysis.uncertainty import SIGMA
 from dldsim.config import limits
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
-from dldsim.errors import DldsimError, NoRoom
+from dldsim.errors import DldsimError
 from dldsim.experiments import array_run
-from dldsim.experiments.array_run import Path, make_scene, simulate_outcome, simulate_run
+from dldsim.experiments.array_run import Path, simulate_run
+from dldsim.experiments.array_scene import make_scene
 from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.solver.flow import array_of, solve_empty_array
 from dldsim.solver.time_step import refined
 from dldsim.tables.numerics import settings_of
 from dldsim.tables.parquet import read_rows, write_table
 from dldsim.tables.registry import COLUMNS
+from tests.experiments.small_array import CELL, FLOW, GEOMETRY, NUMERICS, SET_1
 
-SET_1 = Stiffness(
-    ks_uN_per_m=5.1,
-    kb_pN_um=0.043,
-    kal_uN_per_m=10.2,
-    kag_uN_per_m=500,
-    kv_Pa=900,
-    kvisc_nN_s_per_m=1.5,
-)
-GEOMETRY = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
-CELL = Cell(radius_um=4.0)
-FLOW = Flow(height_um=12.0)
-NUMERICS = Numerics()
 THREE_ROWS = RunControl(max_rows=3)
-
-
-@pytest.fixture(scope="module")
-def empty():
-    """Flow through a small array of 16 nodes pitch."""
-    return solve_empty_array(GEOMETRY, FLOW, NUMERICS)
 
 
 def run(empty, control=THREE_ROWS, stiffness=SET_1, numerics=NUMERICS, **options):
@@ -306,76 +289,6 @@ def test_a_cell_passes_columns_that_are_on_the_surface_of_pillars():
     )
     assert result.row["status"] == "undecided"
     assert result.row["mach_max"] < 0.2
-
-
-# ---------------------------------------------------------------------------- outcomes
-
-
-def test_an_outcome_is_its_runs_summed_up(empty, tmp_path):
-    """Two rows are too few for anything to be decided, so all places are tried."""
-    control = RunControl(max_rows=2, release_gap_fractions=[0.5, 0.35])
-    kept = []
-    made = simulate_outcome(
-        GEOMETRY,
-        SET_1,
-        CELL,
-        FLOW,
-        NUMERICS,
-        control,
-        outcome_id="r",
-        stiffness_set="1",
-        empty_flow=empty,
-        keep=lambda place, run: kept.append(place),
-    )
-    assert kept == [*made.runs] == [0.5, 0.35]
-    assert set(made.row) == {c.name for c in COLUMNS["outcomes"]} - {
-        "deformation_index",
-        "deformation_index_std",
-        *SIGMA,
-    }
-    rows = made.rows()
-    assert [row["run_id"] for row in rows] == ["r_y0.50", "r_y0.35"]
-    assert made.row["status"] == "undecided" and made.row["mode"] == "none"
-    assert made.row["rows_total"] == sum(row["rows_completed"] for row in rows) == 4
-    assert made.row["steps"] == sum(row["steps"] for row in rows)
-    write_table("trajectory", made.trajectory(), tmp_path / "t.parquet", {})
-    starts = [run.trajectory["y_um"][0] for run in made.runs.values()]
-    assert starts[0] - starts[1] == pytest.approx(0.15 * GEOMETRY.gap_um)
-    first = simulate_run(
-        GEOMETRY,
-        SET_1,
-        CELL,
-        FLOW,
-        NUMERICS,
-        control,
-        run_id="r_y0.50",
-        outcome_id="r",
-        stiffness_set="1",
-        empty_flow=empty,
-    )
-    np.testing.assert_equal(first.trajectory, made.runs[0.5].trajectory)
-
-
-def test_places_where_the_cell_does_not_fit_are_left_out():
-    # The rim of an upright cell midway between rows is near the next row's displaced pillar.
-    def outcome(*places):
-        control = RunControl(max_rows=2, release_gap_fractions=list(places))
-        return simulate_outcome(
-            GEOMETRY,
-            SET_1,
-            Cell(radius_um=7.5),
-            Flow(),
-            NUMERICS,
-            control,
-            outcome_id="r",
-            stiffness_set="1",
-        )
-
-    made = outcome(0.8, 0.5)
-    assert [*made.runs] == [0.5] and made.row["releases"] == 1
-    assert made.row["stop_reason"].endswith("does not fit at 0.8")
-    with pytest.raises(NoRoom, match="does not fit at its release"):
-        outcome(0.8, 0.85)
 
 
 # ------------------------------------------------------------------ statuses and bad input

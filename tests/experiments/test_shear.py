@@ -5,10 +5,10 @@ import pytest
 from scipy.sparse.linalg import LinearOperator, minres
 
 from dldsim.errors import DldsimError
-from dldsim.evidence.validation_cell import SMALL_DEFORMATION
+from dldsim.evidence.validation_capsule import SMALL_DEFORMATION
 from dldsim.experiments import shear
 from dldsim.solver import membrane as mb
-from dldsim.solver import mesh
+from dldsim.solver import membrane_forces, mesh
 from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import make_lattice
 
@@ -52,7 +52,7 @@ def test_small_deformation_is_that_of_linear_elasticity(law):
 
     def forces(y):
         out = np.empty_like(y)
-        mb.elastic_forces(y, np.zeros_like(y), membrane, moduli, scratch, out)
+        membrane_forces.elastic_forces(y, np.zeros_like(y), membrane, moduli, scratch, out)
         return out
 
     def stiffness(u):

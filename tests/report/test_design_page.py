@@ -13,7 +13,7 @@ from dldsim.report.scope import holds_for, meaning_of_radius
 from dldsim.report.sections.designs import judged, on_bounds
 from dldsim.tables.parquet import write_table
 from tests.report.design_tables import make_design_tables
-from tests.report.test_campaign_page import Page, rules_of
+from tests.report.html_page import Page, rules_of
 
 
 def request_of(name, **changes):

@@ -9,7 +9,7 @@ from dldsim.report import outlet_figures
 from dldsim.report.outcome_page import write_outcome_page
 from dldsim.tables.parquet import write_table
 from tests.design.test_device_outcome import BETWEEN, ask, outcome
-from tests.report.test_campaign_page import Page
+from tests.report.html_page import Page
 
 ABOUT = {
     "config_hash": "0123abcd",

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 
+from dldsim.solver.d3q19 import VELOCITIES, WEIGHTS
 from dldsim.solver.immersed_boundary import KERNELS, LINEAR, ROMA, TRAPEZOID
-from dldsim.solver.lattice import VELOCITIES, WEIGHTS
 
 
 def opposite(q):

@@ -15,9 +15,12 @@ from dldsim.config.sections import (
     Stiffness,
 )
 from dldsim.errors import DldsimError
-from dldsim.experiments.array_run import make_scene, simulate_run
+from dldsim.experiments.array_run import simulate_run
+from dldsim.experiments.array_scene import make_scene
 from dldsim.experiments.constriction import simulate_constriction
 from dldsim.experiments.vtk import Recorder
+from dldsim.solver.collide import collision_parameters
+from dldsim.solver.d3q19 import MIRRORED, VELOCITIES
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.immersed_boundary import (
     KERNELS,
@@ -27,24 +30,14 @@ from dldsim.solver.immersed_boundary import (
     make_stencil,
     spread,
 )
-from dldsim.solver.lattice import (
-    MIRRORED,
-    VELOCITIES,
-    collision_parameters,
-    make_lattice,
-    stream_collide,
-)
-from dldsim.solver.membrane import (
-    Moduli,
-    elastic_forces,
-    make_membrane,
-    make_scratch,
-    measure_faces,
-)
+from dldsim.solver.lattice import make_lattice
+from dldsim.solver.membrane import Moduli, make_membrane, make_scratch
+from dldsim.solver.membrane_forces import elastic_forces, measure_faces
 from dldsim.solver.mesh import make_shape
 from dldsim.solver.mirror import Mirror, half_of, images, reflect, spread_both
 from dldsim.solver.pillars import make_array
 from dldsim.solver.scene import ITERATIONS, STRAIN, largest_gain
+from dldsim.solver.stream_collide import stream_collide
 from dldsim.solver.time_step import elastic_frequency, margins
 from tests.solver import naive
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dldsim.solver import membrane as mb
-from dldsim.solver import mesh
+from dldsim.solver import membrane_forces, mesh
 
 ZERO = mb.Moduli(*[0.0] * 6)
 LAWS = {
@@ -67,7 +67,9 @@ def sheet(corners):
 
 def forces(x, membrane, moduli):
     force = np.full_like(x, np.nan)
-    mb.elastic_forces(x, np.zeros_like(x), membrane, moduli, mb.make_scratch(membrane), force)
+    membrane_forces.elastic_forces(
+        x, np.zeros_like(x), membrane, moduli, mb.make_scratch(membrane), force
+    )
     return force
 
 

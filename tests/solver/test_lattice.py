@@ -7,17 +7,11 @@ import pytest
 
 from dldsim.errors import DldsimError
 from dldsim.laws import viscosity
+from dldsim.solver.collide import collision_parameters
+from dldsim.solver.d3q19 import OPPOSITE, VELOCITIES, WEIGHTS
 from dldsim.solver.flow import Fluid
-from dldsim.solver.lattice import (
-    OPPOSITE,
-    VELOCITIES,
-    WEIGHTS,
-    collision_parameters,
-    damp_staggered_momentum,
-    make_lattice,
-    neighbour,
-    stream_collide,
-)
+from dldsim.solver.lattice import make_lattice, neighbour
+from dldsim.solver.stream_collide import damp_staggered_momentum, stream_collide
 from tests.solver import naive
 
 

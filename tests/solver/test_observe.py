@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from dldsim.solver.membrane import make_membrane, make_scratch, measure_faces
+from dldsim.solver.membrane import make_membrane, make_scratch
+from dldsim.solver.membrane_forces import measure_faces
 from dldsim.solver.mesh import make_shape
 from dldsim.solver.observe import Sample, centroid, deformation_index, fastest, inverted_faces
 

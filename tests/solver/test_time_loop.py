@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dldsim.solver.time_loop import CONTROL_INTERVAL, CONTROL_TIME, make_drive
-from tests.solver.test_immersed_boundary import make_cell
+from tests.solver.test_scene import make_cell
 
 MOBILITY = np.array([[50.0, 0.0], [10.0, 40.0]])
 TARGET = (0.02, -0.01)

@@ -8,7 +8,7 @@ from dldsim.solver import time_step as stability
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.immersed_boundary import interpolate, locate, spread
 from dldsim.solver.lattice import make_lattice
-from dldsim.solver.membrane import elastic_forces
+from dldsim.solver.membrane_forces import elastic_forces
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.units import Units
 

@@ -18,7 +18,7 @@ from dldsim.analysis.learning import survey_hash
 from dldsim.app import freshness
 from dldsim.config import assays, campaign, identifiers, limits
 from dldsim.config.provenance import check_stamp, settings_hash, write_stamp
-from dldsim.evidence import accuracy, reference_study, spot_check
+from dldsim.evidence import accuracy, critical_gaps, reference_study, spot_check
 from dldsim.config.presets import origins, read_layer, resolve
 from dldsim.config.sections import CELL_NUMERICS
 from dldsim.errors import DldsimError
@@ -67,7 +67,7 @@ try:
     OUTCOMES = [identifiers.outcome_id(pair) for pair in campaign.outcomes(CONFIG)]
     VARIANTS = [accuracy.variant_id(v) for v in accuracy.variants(CONFIG)]
     PAIRS = reference_study.pairs(CONFIG)
-    SEARCHES = [reference_study.search_id(s) for s in reference_study.searches(CONFIG)]
+    SEARCHES = [critical_gaps.search_id(s) for s in critical_gaps.searches(CONFIG)]
 except DldsimError as error:
     raise WorkflowError(str(error)) from None
 
@@ -90,7 +90,7 @@ wildcard_constraints:
     request=r"[A-Za-z0-9-]+",
     family=r"[a-z0-9-]+",
     numerics="campaign|reference|finest",
-    search=reference_study.SEARCH_PATTERN,
+    search=critical_gaps.SEARCH_PATTERN,
     number=r"\d+",
     round=r"\d+",
 
@@ -171,8 +171,8 @@ def reference_settings(wildcards):
 
 
 def search_settings(wildcards):
-    search = reference_study.parse_search(wildcards.search)
-    settings = reference_study.search_settings(search, CONFIG)
+    search = critical_gaps.parse_search(wildcards.search)
+    settings = critical_gaps.search_settings(search, CONFIG)
     return {**settings, "physics_version": PHYSICS_VERSION}
 
 
@@ -185,7 +185,7 @@ def search_point(search, number):
 
 
 def last_point(search):
-    return search_point(search, reference_study.POINTS - 1)
+    return search_point(search, critical_gaps.POINTS - 1)
 
 
 def points_before(wildcards):
@@ -193,9 +193,9 @@ def points_before(wildcards):
     files = {}
     if number := int(wildcards.number):
         files["before"] = search_point(wildcards.search, number - 1)
-    search = reference_study.parse_search(wildcards.search)
+    search = critical_gaps.parse_search(wildcards.search)
     if search != search.at_campaign:
-        files["start"] = last_point(reference_study.search_id(search.at_campaign))
+        files["start"] = last_point(critical_gaps.search_id(search.at_campaign))
     return files
 
 

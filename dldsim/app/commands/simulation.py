@@ -61,7 +61,8 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         check_writable(args.out / f"{outcome}_y0.000.trajectory.parquet", "--out")
     from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
     from dldsim.experiments import outcome_files
-    from dldsim.experiments.array_run import simulate_outcome, simulate_run
+    from dldsim.experiments.array_outcome import simulate_outcome
+    from dldsim.experiments.array_run import simulate_run
     from dldsim.experiments.vtk import Recorder
 
     recorder = Recorder() if shown else None

@@ -7,7 +7,7 @@ from markupsafe import Markup
 from dldsim.analysis import uncertainty
 from dldsim.evidence import spot_check
 from dldsim.evidence.accuracy import ANGLE, INDEX, SETTING
-from dldsim.report import accuracy_figures
+from dldsim.report import accuracy_figures, learning_figures
 from dldsim.report.formats import decimals, fixed, number, numbers, percent, records, text, texts
 from dldsim.report.page import Grid, Page
 
@@ -24,7 +24,7 @@ def contents(page: Page) -> dict:
         "limits": _convergence(page) if page.some("convergence") else None,
         "learning": _learning_curve(page) if page.some("learning_curve") else None,
         "regret": page.figure(
-            "search_regret", accuracy_figures.draw_regret(page["search_regret"]), ["search_regret"]
+            "search_regret", learning_figures.draw_regret(page["search_regret"]), ["search_regret"]
         )
         if page.some("search_regret")
         else None,
@@ -36,7 +36,7 @@ def _learning_curve(page: Page):
     floor = float(np.sqrt(np.mean(sigma**2))) if len(sigma) else None
     return page.figure(
         "learning_curve",
-        accuracy_figures.draw_learning_curve(page["learning_curve"], floor),
+        learning_figures.draw_learning_curve(page["learning_curve"], floor),
         ["learning_curve"],
     )
 

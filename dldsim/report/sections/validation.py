@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 
 from dldsim.evidence.validation import CASES, verdicts
-from dldsim.report import validation_figures
+from dldsim.report import validation_cell_figures, validation_figures
 from dldsim.report.formats import NOT_MEASURED, fixed, number, numbers, percent, records, texts
 from dldsim.report.page import Grid, Page
 
@@ -15,10 +15,10 @@ FIGURES = (
     ),
     ("square_arrays", {"square-arrays"}, validation_figures.draw_square_arrays),
     ("tilts", {"row-shifted-arrays", "finite-height-arrays"}, validation_figures.draw_tilts),
-    ("stretching", {"erythrocyte-stretching"}, validation_figures.draw_stretching),
-    ("capsules", {"capsule-in-shear"}, validation_figures.draw_capsules),
-    ("transition", {"rigid-transition"}, validation_figures.draw_transition),
-    ("constriction_shape", {"constriction-shape"}, validation_figures.draw_constriction_shape),
+    ("stretching", {"erythrocyte-stretching"}, validation_cell_figures.draw_stretching),
+    ("capsules", {"capsule-in-shear"}, validation_cell_figures.draw_capsules),
+    ("transition", {"rigid-transition"}, validation_cell_figures.draw_transition),
+    ("constriction_shape", {"constriction-shape"}, validation_cell_figures.draw_constriction_shape),
 )
 """Name of a figure, cases of which it shows one or more, and what draws it."""
 

@@ -5,7 +5,7 @@ import io
 import pandas as pd
 import pytest
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import specs
 from dldsim.app.web.api.data import check_sets, read_upload
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import read_table, write_csv
@@ -118,9 +118,9 @@ def test_a_set_that_is_calibrated_by_nothing_is_refused(frame, campaign):
 @pytest.mark.parametrize("field", ["pillar_radius_um", "periodicity", "deformation_index"])
 def test_true_is_no_number(field):
     given = {"pillar_radius_um": 7, "gap_um": 16, "periodicity": 6, "deformation_index": 0.6}
-    models.PredictSpec(**given)
+    specs.PredictSpec(**given)
     with pytest.raises(ValueError, match="not true or false"):
-        models.PredictSpec(**given | {field: True})
+        specs.PredictSpec(**given | {field: True})
     with pytest.raises(ValueError, match="not true or false"):
-        models.DesignSpec(stiffness_set_1="1", stiffness_set_2="3", gap_um=(True, 20))
-    assert models.DesignSpec(stiffness_set_1="1", stiffness_set_2="3", verify=True).verify
+        specs.DesignSpec(stiffness_set_1="1", stiffness_set_2="3", gap_um=(True, 20))
+    assert specs.DesignSpec(stiffness_set_1="1", stiffness_set_2="3", verify=True).verify

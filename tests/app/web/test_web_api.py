@@ -1,6 +1,5 @@
 """The API of the design service, on a made-up campaign; what takes minutes is in tests/app/web."""
 
-import ast
 import io
 import json
 import pickle
@@ -17,13 +16,10 @@ import yaml
 from fastapi.testclient import TestClient
 
 from dldsim import PHYSICS_VERSION
-from dldsim.app import cli
-from dldsim.app.web import serve
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.app import make_app
 from dldsim.app.web.api.problems import PREFIX
 from dldsim.app.web.api.settings import Settings
-from dldsim.app.web.api.store import ATTEMPTS_MAX, SEARCH, VERIFICATION, Busy, Store
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.design import finished_campaign
 from dldsim.tables.parquet import read_table, write_csv, write_table
@@ -119,7 +115,7 @@ def test_a_design_is_answered_in_full(designed):
     about = designed["provenance"]
     assert about["origin"] == "tracked" and len(about["model_sha256"]) == 64 and about["seed"] == 1
     assert designed["verification"]["state"] == "not-wanted"
-    models.DesignStatus.model_validate(designed)
+    answers.DesignStatus.model_validate(designed)
 
 
 def test_files_are_those_of_the_command(client, designed, campaign, tmp_path):
@@ -227,7 +223,7 @@ def test_bad_fields_are_told(client, change, field, parts):
         headers={"Content-Type": "application/json"},
     )
     problem = answer.json()
-    assert answer.status_code == 422 and models.Problem.model_validate(problem), problem
+    assert answer.status_code == 422 and answers.Problem.model_validate(problem), problem
     assert any(f["field"].startswith(field) for f in problem["fields"]), problem
     assert all(part in problem["message"] for part in parts), problem["message"]
 
@@ -278,7 +274,7 @@ def test_what_is_no_request_is_refused(client, body):
     answer = client.post(
         f"{PREFIX}/designs", content=body, headers={"Content-Type": "application/json"}
     )
-    assert answer.status_code in (400, 422) and models.Problem.model_validate(answer.json())
+    assert answer.status_code in (400, 422) and answers.Problem.model_validate(answer.json())
 
 
 def test_large_bodies_are_refused(client):
@@ -483,7 +479,7 @@ def test_measured_angles_are_learnt_from(client):
     assert about["measured"] == 8 and about["used"] == own["provenance"]["used"] + 8
     assert any("measured on fabricated devices" in w for w in about["warnings"])
     place = measured() | {"campaign": found["id"]}
-    place = {k: place[k] for k in models.PredictSpec.model_fields if k in place}
+    place = {k: place[k] for k in specs.PredictSpec.model_fields if k in place}
     new = client.post(f"{PREFIX}/predict", json=place).json()["angle_deg"]
     old = client.post(f"{PREFIX}/predict", json=place | {"campaign": None}).json()["angle_deg"]
     assert abs(new - 9.0) < abs(old - 9.0)
@@ -644,107 +640,3 @@ def test_answers_say_what_they_hold_for(client, designed):
         client.get(f"{PREFIX}/model").json()["provenance"],
     ):
         assert about["holds_for"] == words
-
-
-# ---------------------------------------------------------------------------------------- the queue
-
-
-def test_nothing_accepted_is_lost_with_its_process(tmp_path):
-    limits = {SEARCH: 5, VERIFICATION: 5}
-    store = Store(tmp_path)
-    spec = {"trials": 1}
-    store.add(
-        [
-            ("a", "design", SEARCH, "queued", spec),
-            ("a", "verification", VERIFICATION, "waiting", spec),
-        ],
-        limits,
-    )
-    job = store.claim(SEARCH, "one")
-    assert job.id == "a" and store.claim(SEARCH, "two") is None
-    store = Store(tmp_path)  # as after a restart
-    store.release(None, "lost")
-    again = store.claim(SEARCH, "two")
-    assert (again.id, again.attempts) == ("a", 2)
-    assert not store.report(job, {}) and not store.finish(job)  # the first worker has lost it
-    assert store.claim(VERIFICATION, "three") is None
-    assert store.finish(again, result="{}")
-    assert store.claim(VERIFICATION, "three").kind == "verification"
-    for _ in range(ATTEMPTS_MAX - 1):
-        store.release("three", "it ends its process")
-        store.claim(VERIFICATION, "three")
-    store.release("three", "it ends its process")
-    found = store.find("a", "verification")
-    assert (found.state, found.error) == ("failed", "it ends its process")
-
-
-def test_a_cancelled_job_changes_nothing(tmp_path):
-    store = Store(tmp_path)
-    store.add([("a", "design", SEARCH, "queued", {})], {SEARCH: 1})
-    job = store.claim(SEARCH, "one")
-    with pytest.raises(Busy):
-        store.add([("b", "design", SEARCH, "queued", {})], {SEARCH: 1})
-    store.cancel("a")
-    assert not store.keep_result(job, "{}") and not store.finish(job, result="{}")
-    assert store.result("a", "design") is None
-    store.forget(days=-1)
-    assert store.find("a", "design") is None
-
-
-def test_a_job_that_takes_too_long_is_ended(tmp_path):
-    store = Store(tmp_path)
-    store.add([("a", "design", SEARCH, "queued", {})], {SEARCH: 1})
-    store.claim(SEARCH, "one")
-    assert store.overrun(SEARCH, 60) == []
-    assert store.overrun(SEARCH, -1) == ["one"]
-    assert "longer than" in store.find("a", "design").error
-
-
-# ----------------------------------------------------------------------------------------- the rest
-
-
-def test_settings_come_from_the_environment(monkeypatch, tmp_path):
-    monkeypatch.setenv("DLDSIM_WEB_WORKERS", "3")
-    monkeypatch.setenv("DLDSIM_WEB_CORS_ORIGINS", "https://a.example,https://b.example")
-    found = Settings.read({"port": 81})
-    assert (found.workers, found.port, len(found.cors_origins)) == (3, 81, 2)
-    assert Settings(state=tmp_path).cors_origins == () and Settings().host == "127.0.0.1"
-
-
-def others(package):
-    """Modules outside of the service."""
-    found = [p for p in package.rglob("*.py") if package / "app" / "web" not in p.parents]
-    assert found
-    return found
-
-
-def test_only_serve_imports_the_service():
-    package = Path(cli.__file__).parents[1]
-    for path in others(package):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        names = [n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module]
-        if any(n.startswith("dldsim.app.web") for n in names):
-            assert path.name == "service.py"
-
-
-def test_a_missing_extra_is_told():
-    with pytest.raises(serve.DldsimError, match="requirements-web.txt"):
-        serve._need("a_package_that_is_not_there")
-
-
-def test_containers_are_closed():
-    root = Path(cli.__file__).parents[2]
-    for name in ("api", "ui"):
-        text = (root / "containers" / f"{name}.Dockerfile").read_text()
-        assert re.search(r"^FROM \$\{?BASE", text, re.M) and "HEALTHCHECK" in text
-        assert re.search(r"^ARG BASE=python:\d+\.\d+\.\d+-slim-\w+$", text, re.M)
-        assert text.rindex("\nUSER 10001") < text.index("\nCMD")
-    import yaml
-
-    services = yaml.safe_load((root / "compose.yaml").read_text())["services"]
-    assert set(services) == {"api", "ui"}
-    for service in services.values():
-        assert service["read_only"] is True and service["cap_drop"] == ["ALL"]
-        assert "no-new-privileges:true" in service["security_opt"]
-        assert service["healthcheck"]["test"] and "environment" in service
-        assert all(port.startswith("127.0.0.1:") for port in service.get("ports", []))

@@ -3,7 +3,7 @@
 import pytest
 from fastapi.testclient import TestClient
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.app import make_app
 from dldsim.app.web.api.problems import PREFIX
 from dldsim.app.web.api.settings import Settings
@@ -38,7 +38,7 @@ def ask(client, **changes):
 def test_outcome_has_shares_with_intervals_and_their_places(client):
     answer = ask(client, radius_cv_1=0.05)
     assert answer.status_code == 200, answer.text
-    found = models.OutcomeAnswer.model_validate(answer.json())
+    found = answers.OutcomeAnswer.model_validate(answer.json())
     assert {row.population for row in found.device_outcomes} == {1, 2}
     for row in found.device_outcomes:
         assert 0 <= row.recovery_low <= row.recovery <= row.recovery_high <= 1
@@ -74,10 +74,10 @@ def test_measured_cells_take_the_place_of_mean_and_spread(client):
 
 
 def test_a_request_with_measured_cells_survives_the_queue():
-    spec = models.DesignSpec(
+    spec = specs.DesignSpec(
         stiffness_set_1="1", population_1_csv=TABLE, population_2_csv=WITH_INDEX
     )
-    again = models.DesignSpec(**spec.model_dump(mode="json"))
+    again = specs.DesignSpec(**spec.model_dump(mode="json"))
     assert again == spec and spec.request.deformation_index_2 == pytest.approx(0.6)
     first, second = again.measured
     assert list(first.radius_um) == [6.9, 7.1, 7.3] and len(second.deformation_index) == 3

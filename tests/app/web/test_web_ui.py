@@ -8,8 +8,8 @@ import httpx
 import pytest
 from streamlit.testing.v1 import AppTest
 
-from dldsim.app.web.api import models
-from dldsim.app.web.ui import SCRIPT, charts, client
+from dldsim.app.web.api import answers, specs
+from dldsim.app.web.ui import SCRIPT, client
 from dldsim.app.web.ui.parts import allowed, plain
 from tests.app.web import web_page_fake
 from tests.app.web.web_page_fake import HIGH, ID, LOW, Fake
@@ -66,9 +66,6 @@ def sent(service: Fake, method: str, path: str) -> list:
     return [r for r in service.asked if r.method == method and r.url.path == "/api/v1" + path]
 
 
-# ------------------------------------------------------------------------------------------ bounds
-
-
 @pytest.mark.parametrize("path", sorted(PAGE.glob("*.py")), ids=lambda p: p.stem)
 def test_the_page_asks_and_never_computes(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -85,7 +82,7 @@ def test_default_form_is_a_request_that_the_contract_takes(service):
     page = sound(opened())
     button(page, "Search for designs").click().run()
     [request] = sent(service, "POST", "/designs")
-    spec = models.DesignSpec(**json.loads(request.content))
+    spec = specs.DesignSpec(**json.loads(request.content))
     assert LOW <= spec.deformation_index_1 < spec.deformation_index_2 <= HIGH
     assert spec.gap_um == (12.0, 22.0) and spec.periodicity == (4, 12)
     assert sound(page).query_params["design"] in (ID, [ID])
@@ -94,7 +91,7 @@ def test_default_form_is_a_request_that_the_contract_takes(service):
 def test_fields_show_unit_and_allowed_range(service):
     page = opened()
     radius = page.number_input(key="form:radius_1_um")
-    [limit] = [f for f in models.limits_of(models.DesignSpec) if f.name == "radius_1_um"]
+    [limit] = [f for f in answers.limits_of(specs.DesignSpec) if f.name == "radius_1_um"]
     assert "[µm]" in radius.label and radius.max == limit.maximum
     assert f"allowed {allowed(limit)}" in texts(page)
     assert page.slider(key="form:trials").max == 500  # the service takes fewer than the contract
@@ -154,13 +151,6 @@ def test_the_first_lines_say_what_answers_hold_for(service):
     assert any("Holds for biconcave discs" in str(text) for text in first), first
 
 
-def test_toolbar_of_charts_stays_in_the_margin():
-    layout = charts.TEMPLATE.layout
-    assert layout.modebar.orientation == "v" and layout.margin.r >= 45
-    assert layout.legend.x == 0 and layout.legend.orientation == "h"
-    assert charts.index_strip((0.5, 0.7), {1: (0.6, 0.01)}).layout.margin.r >= 45
-
-
 def test_cancelled_and_failed_searches_say_so(service):
     page = opened()
     button(page, "Search for designs").click().run()
@@ -175,7 +165,7 @@ def test_cancelled_and_failed_searches_say_so(service):
 
 
 def test_design_in_the_address_brings_request_and_result_back(service):
-    spec = models.DesignSpec(
+    spec = specs.DesignSpec(
         stiffness_set_1="1",
         deformation_index_2=0.7,
         radius_2_um=9.0,
@@ -190,7 +180,7 @@ def test_design_in_the_address_brings_request_and_result_back(service):
     assert page.number_input(key="form:gap_um_low").value == 13.0
     assert page.radio(key="form:by_1").value == "stiffness set"
     button(page, "Search for designs").click().run()
-    again = models.DesignSpec(**json.loads(sent(service, "POST", "/designs")[0].content))
+    again = specs.DesignSpec(**json.loads(sent(service, "POST", "/designs")[0].content))
     assert again == spec
 
 
@@ -198,13 +188,13 @@ def test_design_in_the_address_brings_request_and_result_back(service):
     ("verdict", "words"),
     [
         (
-            models.Verdict(state="running", message="step 12 of 40", elapsed_s=90.0),
+            answers.Verdict(state="running", message="step 12 of 40", elapsed_s=90.0),
             "Simulating (1.5 min): step 12 of 40",
         ),
-        (models.Verdict(state="failed", message="no moduli"), "The simulation failed"),
-        (models.Verdict(state="cancelled"), "The simulation was cancelled"),
+        (answers.Verdict(state="failed", message="no moduli"), "The simulation failed"),
+        (answers.Verdict(state="cancelled"), "The simulation was cancelled"),
         (
-            models.Verdict(
+            answers.Verdict(
                 state="done",
                 designs=[
                     web_page_fake.row(
@@ -226,7 +216,7 @@ def test_design_in_the_address_brings_request_and_result_back(service):
     ],
 )
 def test_verdict_of_the_simulation_is_attached(service, verdict, words):
-    spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH, verify=True)
+    spec = specs.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH, verify=True)
     service.designs[ID] = service.status(ID, spec, "done").model_copy(
         update={"verification": verdict}
     )
@@ -258,9 +248,9 @@ def test_fields_survive_another_page(service):
 # ---------------------------------------------------------------------------------------- refusals
 
 
-def problem(kind: str, message: str, field: str = "", **more) -> models.Problem:
-    fields = [models.FieldProblem(field=field, value="", message=message)] if field else []
-    return models.Problem(error=kind, message=message, fields=fields, **more)
+def problem(kind: str, message: str, field: str = "", **more) -> answers.Problem:
+    fields = [answers.FieldProblem(field=field, value="", message=message)] if field else []
+    return answers.Problem(error=kind, message=message, fields=fields, **more)
 
 
 @pytest.mark.parametrize(
@@ -346,7 +336,7 @@ def test_campaign_page_shows_angles_calibration_and_a_prediction(service):
     button(page, "Predict").click().run()
     assert "Full bump" in texts(sound(page)) and "outside" in texts(page)
     [asked] = sent(service, "POST", "/predict")
-    models.PredictSpec(**json.loads(asked.content))
+    specs.PredictSpec(**json.loads(asked.content))
 
 
 def run_page(name: str) -> AppTest:
@@ -392,69 +382,6 @@ def test_campaign_that_is_ready_can_be_used_and_deleted(service):
     assert page.session_state["campaign"] is None and not service.campaigns
 
 
-# ------------------------------------------------------------------------------------------ charts
-
-
-def test_hull_holds_all_points():
-    square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0), (1.0, 1.0), (1.0, 0.0)]
-    assert set(charts.hull(square)) == set(square[:4])
-    assert charts.hull(square)[0] == charts.hull(square)[-1]
-
-
-def test_array_is_drawn_to_scale_with_rows_shifted():
-    design = {"pillar_radius_um": 5.0, "gap_um": 10.0, "periodicity": 4, "mode_1": "bump"} | {
-        f"angle_1_{s}deg": 14.036 for s in ("", "low_", "high_")
-    }
-    figure = charts.array(design, [7.5])
-    pillars = [s for s in figure.layout.shapes if s.fillcolor == charts.PILLAR]
-    assert all(abs(s.x1 - s.x0 - 10) < 1e-9 for s in pillars)
-    lowest = {s.x0 + 5: (s.y0 + 5) % 20 for s in pillars}
-    assert lowest[20.0] == pytest.approx(5.0) and lowest[0.0] == pytest.approx(0.0)
-    line = next(t for t in figure.data if t.mode == "lines")
-    assert line.y[1] - line.y[0] == pytest.approx(20.0, abs=0.01)  # one pitch in N_p rows
-    assert figure.layout.yaxis.scaleanchor == "x"
-
-
-def test_surface_turns_its_axes():
-    spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH)
-    found = web_page_fake.result(spec)
-    slices = [s.model_dump() for s in found.slices]
-    designs = [d.model_dump() for d in found.designs]
-    one = charts.surface(slices, "periodicity", "gap_um", designs).data[0]
-    two = charts.surface(slices, "gap_um", "periodicity", designs).data[0]
-    assert [list(r) for r in zip(*one.z, strict=True)] == [list(r) for r in two.z]
-
-
-def test_parallel_lines_cover_every_feasible_trial():
-    spec = models.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH)
-    trials = [t.model_dump() for t in web_page_fake.result(spec).trials]
-    figure = charts.parallel(trials, "robust")
-    lines = sum(x is None for t in figure.data for x in t.x)
-    assert lines == sum(t["feasible"] for t in trials)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "open_", "words"),
-    [
-        (0.0, 50.0, True, "above 0 to 50 µm"),
-        (2.0, 100.0, False, "2 to 100 µm"),
-        (0.0, None, False, "from 0 µm"),
-        (None, None, False, "any"),
-    ],
-)
-def test_allowed_range_in_words(low, high, open_, words):
-    limit = models.FieldLimit(
-        name="x",
-        minimum=low,
-        exclusive_minimum=open_,
-        maximum=high,
-        default=None,
-        unit="µm",
-        description="",
-    )
-    assert allowed(limit) == words
-
-
 # ----------------------------------------------------------------------------- cells and outlets
 
 
@@ -470,7 +397,7 @@ def test_cells_of_any_shape_and_scatter_are_asked_for(service):
     page.number_input(key="form:footprint_max_mm2").set_value(8.0).run()
     button(sound(page), "Search for designs").click().run()
     [request] = sent(service, "POST", "/designs")
-    spec = models.DesignSpec(**json.loads(request.content))
+    spec = specs.DesignSpec(**json.loads(request.content))
     assert spec.rigid_1 and spec.shape_1 == "sphere" and spec.radius_std_1_um == 0.3
     assert (spec.ks_2_uN_per_m, spec.velocity_mm_s, spec.height_um) == (12.0, 1.5, None)
     assert (spec.objective, spec.footprint_max_mm2) == ("purity-recovery", 8.0)
@@ -492,7 +419,7 @@ def test_measured_cells_are_sent_as_they_are_and_can_be_removed(service):
     page = sound(page.run())
     assert "2 measured cells" in texts(page)
     button(page, "Search for designs").click().run()
-    spec = models.DesignSpec(**json.loads(sent(service, "POST", "/designs")[0].content))
+    spec = specs.DesignSpec(**json.loads(sent(service, "POST", "/designs")[0].content))
     assert spec.population_1_csv == table and spec.radius_1_um == 6.25
     page = sound(opened())
     page.session_state["form:population_1_csv"] = table
@@ -509,7 +436,7 @@ def test_tables_of_spreadsheets_become_text(encoding):
 
 
 def test_outlets_of_a_candidate_are_shown_with_intervals(service):
-    spec = models.DesignSpec(stiffness_set_1="1", stiffness_set_2="3")
+    spec = specs.DesignSpec(stiffness_set_1="1", stiffness_set_2="3")
     service.designs[ID] = service.status(ID, spec, "done")
     page = sound(opened(design=ID))
     shown = texts(page)
@@ -523,7 +450,7 @@ def test_outcome_of_an_own_array(service):
     page = sound(run_page("outcome_page"))
     button(page, "Compute the outcome").click().run()
     [asked] = sent(service, "POST", "/outcome")
-    spec = models.OutcomeSpec(**json.loads(asked.content))
+    spec = specs.OutcomeSpec(**json.loads(asked.content))
     assert (spec.gap_um, spec.periodicity, spec.array_length_mm) == (12.0, 10, None)
     shown = texts(sound(page))
     assert "does not tell the two cell types apart" in shown and "At the outlets" in shown
@@ -537,21 +464,6 @@ def test_refused_outcome_is_shown_at_its_field(service):
     page = run_page("outcome_page")
     button(page, "Compute the outcome").click().run()
     assert texts(sound(page)).count("outlets = 9\\: too many") == 2
-
-
-def test_fan_has_both_populations_the_walls_and_the_cut():
-    from dldsim.app.web.ui import outlet_charts
-
-    found = models.AtOutlets(**web_page_fake.at_outlets(["array"]))
-    rows = (found.device_positions, found.device_exits, found.device_outlets)
-    figure = outlet_charts.fan(*([r.model_dump() for r in part] for part in rows), 500.0)
-    lines = [t for t in figure.data if t.type == "scatter" and t.name]
-    assert [list(t.x) for t in lines] == [[0.0, 2.5, 5.0]] * 2
-    assert lines[1].y[-1] == 400 + 5 * 2 * 40 + 50
-    assert [sum(t.x) for t in figure.data if t.type == "bar"] == [1.0, 1.0]
-    assert {s.y0 for s in figure.layout.shapes} == {500.0}
-    low, high = figure.layout.yaxis.range
-    assert low < 405 and high > 895
 
 
 def test_csv_of_an_outcome_leaves_unknown_values_empty():

@@ -11,12 +11,12 @@ from math import atan, degrees
 import httpx
 import pandas as pd
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 
 ID = "11111111-2222-3333-4444-555555555555"
 PREFIX = "/api/v1"
 LOW, HIGH = 0.68, 0.74
-ABOUT = models.Provenance(
+ABOUT = answers.Provenance(
     dldsim_version="0",
     physics_version=0,
     campaign=None,
@@ -49,7 +49,7 @@ def angle(radius: float, gap: float, rows: int, index: float) -> float:
 def row(kind: str, **given):
     """A row of a table: what is given, and something of the right type for the rest."""
     found = {}
-    for name, field in models.row_model(kind).model_fields.items():
+    for name, field in answers.row_model(kind).model_fields.items():
         text = str(field.annotation)
         found[name] = given.get(
             name,
@@ -63,7 +63,7 @@ def row(kind: str, **given):
             if "list" in text
             else 1,
         )
-    return models.row_model(kind)(**found)
+    return answers.row_model(kind)(**found)
 
 
 def at_outlets(devices: list[str]) -> dict:
@@ -117,7 +117,7 @@ def at_outlets(devices: list[str]) -> dict:
     }
 
 
-def result(spec: models.DesignSpec) -> models.DesignResult:
+def result(spec: specs.DesignSpec) -> answers.DesignResult:
     index = [spec.deformation_index_1 or LOW, spec.deformation_index_2 or HIGH]
     trials, best, course = [], None, []
     for t in range(spec.trials):
@@ -196,7 +196,7 @@ def result(spec: models.DesignSpec) -> models.DesignResult:
             for a in axes[x]
             for b in axes[y]
         ]
-    return models.DesignResult(
+    return answers.DesignResult(
         request=spec.model_dump(mode="json")
         | {
             "deformation_index_1": index[0],
@@ -226,7 +226,7 @@ def result(spec: models.DesignSpec) -> models.DesignResult:
             row("design_importance", parameter=p, importance=v, evaluator="made-up")
             for p, v in zip(axes, (0.5, 0.3, 0.2), strict=True)
         ],
-        at_outlets=models.AtOutlets(
+        at_outlets=answers.AtOutlets(
             **at_outlets([f"{spec.name}-candidate-{d.design}" for d in designs])
         ),
         warnings=["The best candidate is extrapolated."],
@@ -238,10 +238,10 @@ class Fake:
     """State of the service: designs by id, what is to go wrong, and all requests so far."""
 
     def __init__(self):
-        self.designs: dict[str, models.DesignStatus] = {}
-        self.campaigns: dict[str, models.CampaignStatus] = {}
+        self.designs: dict[str, answers.DesignStatus] = {}
+        self.campaigns: dict[str, answers.CampaignStatus] = {}
         self.asked: list[httpx.Request] = []
-        self.refuse: dict[str, tuple[int, models.Problem]] = {}
+        self.refuse: dict[str, tuple[int, answers.Problem]] = {}
         self.down = False
 
     def __call__(self, request: httpx.Request) -> httpx.Response:
@@ -261,7 +261,7 @@ class Fake:
 
     def get_health(self, *_) -> httpx.Response:
         return self.answer(
-            models.Health(
+            answers.Health(
                 status="healthy",
                 problems=[],
                 version="0",
@@ -277,7 +277,7 @@ class Fake:
         about = ABOUT.model_copy(update={"campaign": request.url.params.get("campaign")})
         geometries = [[r / 7.5, g / 7.5, n] for r, g, n in ARRAYS]
         return self.answer(
-            models.ModelInfo(
+            answers.ModelInfo(
                 card={},
                 deformation_index_range=(LOW, HIGH),
                 domain={
@@ -288,7 +288,7 @@ class Fake:
                 },
                 calibrated_range={"group-velocity": (LOW, HIGH)},
                 stiffness_sets=[
-                    models.CalibratedSet(
+                    answers.CalibratedSet(
                         stiffness_set=str(k), deformation_index=i, deformation_index_std=0.003
                     )
                     for k, i in enumerate((LOW, 0.71, HIGH), start=1)
@@ -297,22 +297,22 @@ class Fake:
                 cell={"radius_um": 7.5},
                 device={},
                 safety_distance_um=2.0,
-                fields=models.limits_of(models.DesignSpec),
+                fields=answers.limits_of(specs.DesignSpec),
                 limits={"trials_max": 500, "upload_max_bytes": 4_000_000},
                 provenance=about,
             )
         )
 
     def post_designs(self, request, _) -> httpx.Response:
-        spec = models.DesignSpec(**json.loads(request.content))
+        spec = specs.DesignSpec(**json.loads(request.content))
         identifier = str(uuid.uuid4()) if ID in self.designs else ID
         self.designs[identifier] = self.status(identifier, spec, "running")
         return self.answer(
-            models.Accepted(id=identifier, state="queued", url="", queue_position=0), 202
+            answers.Accepted(id=identifier, state="queued", url="", queue_position=0), 202
         )
 
-    def status(self, identifier: str, spec: models.DesignSpec, state: str) -> models.DesignStatus:
-        best = models.Best(
+    def status(self, identifier: str, spec: specs.DesignSpec, state: str) -> answers.DesignStatus:
+        best = answers.Best(
             trial=3,
             pillar_radius_um=5.0,
             gap_um=13.0,
@@ -324,13 +324,13 @@ class Fake:
             inside_training_domain=True,
         )
         done = state == "done"
-        return models.DesignStatus(
+        return answers.DesignStatus(
             id=identifier,
             state=state,
             created="2026-01-01T00:00:00Z",
             spec=spec,
             attempts=1,
-            progress=models.Progress(
+            progress=answers.Progress(
                 stage="search",
                 trial=40,
                 trials=spec.trials,
@@ -342,9 +342,9 @@ class Fake:
             error="no memory" if state == "failed" else None,
             result=result(spec) if done else None,
             provenance=ABOUT if done else None,
-            verification=models.Verdict(state="not-wanted"),
+            verification=answers.Verdict(state="not-wanted"),
             files=[
-                models.FileInfo(
+                answers.FileInfo(
                     kind=k,
                     name=f"request-1.{k}",
                     candidate=1,
@@ -364,7 +364,7 @@ class Fake:
 
     def get_designs(self, _, rest) -> httpx.Response:
         if rest[0] not in self.designs:
-            return self.answer(models.Problem(error="not-found", message="there is none"), 404)
+            return self.answer(answers.Problem(error="not-found", message="there is none"), 404)
         if len(rest) > 1:
             return httpx.Response(200, content=b"file " + rest[2].encode())
         return self.answer(self.designs[rest[0]])
@@ -406,7 +406,7 @@ class Fake:
                 for k in (1, 2, 3)
             ]
         return self.answer(
-            models.Table(
+            answers.Table(
                 kind=rest[0], columns=[], provenance=ABOUT, rows=[r.model_dump() for r in rows]
             )
         )
@@ -419,7 +419,7 @@ class Fake:
             for e in ("", "_low", "_high")
         ]
         return self.answer(
-            models.StiffnessAnswer(
+            answers.StiffnessAnswer(
                 **dict.fromkeys(names, 7.0),
                 deformation_index=given["deformation_index"],
                 error=given["error"],
@@ -437,9 +437,9 @@ class Fake:
         )
 
     def post_outcome(self, request, _) -> httpx.Response:
-        spec = models.OutcomeSpec(**json.loads(request.content))
+        spec = specs.OutcomeSpec(**json.loads(request.content))
         return self.answer(
-            models.OutcomeAnswer(
+            answers.OutcomeAnswer(
                 **at_outlets(["array"]),
                 request=spec.request.model_dump(mode="json"),
                 device=spec.device,
@@ -453,7 +453,7 @@ class Fake:
     def post_predict(self, request, _) -> httpx.Response:
         given = json.loads(request.content)
         return self.answer(
-            models.Prediction(
+            answers.Prediction(
                 angle_deg=4.0,
                 low_deg=3.0,
                 high_deg=5.0,
@@ -469,7 +469,7 @@ class Fake:
         )
 
     def _campaign(self, name: str, origin: str, rows: int) -> httpx.Response:
-        found = models.CampaignStatus(
+        found = answers.CampaignStatus(
             id=str(uuid.uuid4()),
             state="ready",
             name=name,
@@ -483,7 +483,7 @@ class Fake:
         return self.answer(found, 202)
 
     def post_measurements(self, request, _) -> httpx.Response:
-        spec = models.MeasurementsSpec(**json.loads(request.content))
+        spec = specs.MeasurementsSpec(**json.loads(request.content))
         return self._campaign(spec.name, "measurements", 27 + len(spec.measurements))
 
     def post_campaigns(self, request, _) -> httpx.Response:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, File, Form, Response, UploadFile
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.data import check_sets, read_upload
 from dldsim.app.web.api.problems import PREFIX, Refused, ascii_safe, infeasible, problems
 from dldsim.app.web.api.service import Id, Service, iso_time
@@ -20,10 +20,10 @@ def make_router(service: Service) -> APIRouter:
     routes = APIRouter(prefix=PREFIX)
     store, settings = service.store, service.settings
 
-    def status(job: Job) -> models.CampaignStatus:
+    def status(job: Job) -> answers.CampaignStatus:
         states = {"running": "fitting", "done": "ready"}
         stored = store.result(job.id, job.kind)
-        return models.CampaignStatus(
+        return answers.CampaignStatus(
             id=job.id,
             state=states.get(job.state, job.state),
             name=job.spec["name"],
@@ -48,7 +48,7 @@ def make_router(service: Service) -> APIRouter:
 
     def accept(
         name: str, origin: str, rows: int, parts: dict[str, bytes], found: list[str] = ()
-    ) -> models.CampaignStatus:
+    ) -> answers.CampaignStatus:
         identifier = str(uuid.uuid4())
         spec = {"name": name, "origin": origin, "rows": rows, "found": list(found)}
         service.add(
@@ -61,7 +61,7 @@ def make_router(service: Service) -> APIRouter:
     @routes.post(
         "/campaigns",
         status_code=202,
-        response_model=models.CampaignStatus,
+        response_model=answers.CampaignStatus,
         responses=problems(429),
         tags=["campaign"],
     )
@@ -72,7 +72,7 @@ def make_router(service: Service) -> APIRouter:
         ] = None,
         flows: Annotated[UploadFile | None, File(description="for pressure drops")] = None,
         name: Annotated[str, Form(max_length=80)] = "uploaded campaign",
-    ) -> models.CampaignStatus:
+    ) -> answers.CampaignStatus:
         """Bring the tables of a campaign; a surrogate is fitted to them."""
         if not service.uploads.acquire(blocking=False):
             raise service.busy(SEARCH, "Two uploads are being read already.")
@@ -91,7 +91,7 @@ def make_router(service: Service) -> APIRouter:
                 422,
                 "invalid",
                 message,
-                [models.FieldProblem(field=at_fault, value="", message=message)],
+                [answers.FieldProblem(field=at_fault, value="", message=message)],
             ) from error
         finally:
             service.uploads.release()
@@ -105,11 +105,11 @@ def make_router(service: Service) -> APIRouter:
     @routes.post(
         "/measurements",
         status_code=202,
-        response_model=models.CampaignStatus,
+        response_model=answers.CampaignStatus,
         responses=problems(404, 409, 429),
         tags=["campaign"],
     )
-    def measure(spec: models.MeasurementsSpec) -> models.CampaignStatus:
+    def measure(spec: specs.MeasurementsSpec) -> answers.CampaignStatus:
         """Measured angles to be learnt from, beside the outcomes of a campaign."""
         source = service.source(spec.campaign)
         flow = spec.model_dump(include={"height_um", "mean_velocity_mm_s"})
@@ -128,11 +128,11 @@ def make_router(service: Service) -> APIRouter:
 
     @routes.get(
         "/campaigns/{id}",
-        response_model=models.CampaignStatus,
+        response_model=answers.CampaignStatus,
         responses=problems(404),
         tags=["campaign"],
     )
-    def look(id: Id) -> models.CampaignStatus:
+    def look(id: Id) -> answers.CampaignStatus:
         """Whether it can be used, and its card."""
         return status(find(id))
 

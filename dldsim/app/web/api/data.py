@@ -21,7 +21,7 @@ from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis import surrogate
 from dldsim.analysis.calibration import join_deformation_index
 from dldsim.analysis.learning import SURVEY
-from dldsim.app.web.api.models import Provenance
+from dldsim.app.web.api.answers import Provenance
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
 from dldsim.config.provenance import derive_seed
@@ -30,7 +30,8 @@ from dldsim.design.finished_campaign import MEASURED
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import describe, read_table, write_table
 from dldsim.tables.registry import COLUMNS, schema
-from dldsim.tables.user_table import PLAUSIBLE, as_columns, check_plausible, read_user_table
+from dldsim.tables.user_table import read_user_table
+from dldsim.tables.user_values import PLAUSIBLE, as_columns, check_plausible
 
 FILES = (
     "outcomes.parquet",

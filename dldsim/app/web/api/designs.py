@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.problems import PREFIX, Refused, problems
 from dldsim.app.web.api.service import Id, Service
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Job
@@ -28,7 +28,7 @@ def make_router(service: Service) -> APIRouter:
     routes = APIRouter(prefix=PREFIX)
     store = service.store
 
-    def accept(spec: models.DesignSpec, kind: str) -> models.Accepted:
+    def accept(spec: specs.DesignSpec, kind: str) -> answers.Accepted:
         service.check(spec)
         identifier = str(uuid.uuid4())
         given = spec.model_dump(mode="json")
@@ -36,7 +36,7 @@ def make_router(service: Service) -> APIRouter:
         if spec.verify:
             jobs.append((identifier, "verification", VERIFICATION, "waiting", given))
         before = service.add(jobs)
-        return models.Accepted(
+        return answers.Accepted(
             id=identifier,
             state="queued",
             queue_position=before,
@@ -57,17 +57,17 @@ def make_router(service: Service) -> APIRouter:
     @routes.post(
         "/designs",
         status_code=202,
-        response_model=models.Accepted,
+        response_model=answers.Accepted,
         responses=problems(404, 409, 429),
         tags=["designs"],
     )
-    def ask(spec: models.DesignSpec) -> models.Accepted:
+    def ask(spec: specs.DesignSpec) -> answers.Accepted:
         """Ask for designs; the answer comes at once, the designs later."""
         return accept(spec, "design")
 
     @routes.get(
         "/designs/{id}",
-        response_model=models.DesignStatus,
+        response_model=answers.DesignStatus,
         responses=problems(404),
         tags=["designs"],
     )
@@ -81,7 +81,7 @@ def make_router(service: Service) -> APIRouter:
 
     @routes.delete(
         "/designs/{id}",
-        response_model=models.DesignStatus,
+        response_model=answers.DesignStatus,
         responses=problems(404),
         tags=["designs"],
     )
@@ -135,11 +135,11 @@ def make_router(service: Service) -> APIRouter:
 
     @routes.post(
         "/optimize",
-        response_model=models.OptimizeAnswer,
+        response_model=answers.OptimizeAnswer,
         tags=["designs"],
-        responses={202: {"model": models.Accepted}, **problems(404, 409, 429)},
+        responses={202: {"model": answers.Accepted}, **problems(404, 409, 429)},
     )
-    async def optimize(spec: models.OptimizeSpec, request: Request) -> Response:
+    async def optimize(spec: specs.OptimizeSpec, request: Request) -> Response:
         """Search and wait for the best candidate."""
         if service.waited_for >= service.settings.optimize_max:
             raise service.busy(SEARCH, f"{service.waited_for} requests are waited for already.")
@@ -160,8 +160,8 @@ def make_router(service: Service) -> APIRouter:
             raise Refused(422, "infeasible", job.error or f"design {job.id} was {job.state}.")
         found = json.loads(store.result(job.id, job.kind))
         result, best = found["result"], found["result"]["designs"][0]
-        answer = models.OptimizeAnswer(
-            **{k: best[k] for k in models.OptimizeAnswer.model_fields if k in best},
+        answer = answers.OptimizeAnswer(
+            **{k: best[k] for k in answers.OptimizeAnswer.model_fields if k in best},
             id=job.id,
             convergence=result["convergence"],
             importance=result["importance"],

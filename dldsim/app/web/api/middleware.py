@@ -2,7 +2,7 @@
 
 from starlette.exceptions import HTTPException
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers
 from dldsim.app.web.api.problems import PREFIX, answer, route_of
 from dldsim.app.web.api.settings import Settings
 
@@ -36,7 +36,7 @@ class BodyLimit:
         message = f"The body is larger than the {most} bytes that this service takes."
         given = dict(scope["headers"]).get(b"content-length", b"0")
         if not given.isdigit() or int(given) > most:
-            refused = answer(413, models.Problem(error="too-large", message=message))
+            refused = answer(413, answers.Problem(error="too-large", message=message))
             return await refused(scope, receive, send)
         seen = 0
 

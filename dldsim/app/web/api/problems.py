@@ -10,22 +10,19 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, ranges, specs
 from dldsim.config.explain import allowed_at
-from dldsim.design.measured_cells import INDEX, RADIUS, STIFFNESS
 from dldsim.errors import DldsimError
 
 PREFIX = "/api/v1"
 BODIES: dict[str, type[BaseModel]] = {
-    "/designs": models.DesignSpec,
-    "/optimize": models.OptimizeSpec,
-    "/outcome": models.OutcomeSpec,
-    "/predict": models.PredictSpec,
-    "/stiffness": models.StiffnessSpec,
-    "/measurements": models.MeasurementsSpec,
+    "/designs": specs.DesignSpec,
+    "/optimize": specs.OptimizeSpec,
+    "/outcome": specs.OutcomeSpec,
+    "/predict": specs.PredictSpec,
+    "/stiffness": specs.StiffnessSpec,
+    "/measurements": specs.MeasurementsSpec,
 }
-FROM_TABLE = (RADIUS, INDEX, STIFFNESS)
-"""Keys of refusals that mean a column of measured cells."""
 
 
 class Refused(Exception):
@@ -36,16 +33,16 @@ class Refused(Exception):
         status: int,
         error: str,
         message: str,
-        fields: list[models.FieldProblem] = (),
+        fields: list[answers.FieldProblem] = (),
         retry_after_s: int | None = None,
     ):
         self.status = status
-        self.problem = models.Problem(
+        self.problem = answers.Problem(
             error=error, message=message, fields=list(fields), retry_after_s=retry_after_s
         )
 
 
-def answer(status: int, problem: models.Problem) -> Response:
+def answer(status: int, problem: answers.Problem) -> Response:
     text = json.dumps(problem.model_dump(mode="json"))  # ASCII: half characters cannot break it
     headers = {"Cache-Control": "no-store"}
     if problem.retry_after_s is not None:
@@ -54,7 +51,7 @@ def answer(status: int, problem: models.Problem) -> Response:
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    return {s: {"model": models.Problem} for s in (*statuses, 400, 413, 422, 500, 503)}
+    return {s: {"model": answers.Problem} for s in (*statuses, 400, 413, 422, 500, 503)}
 
 
 def route_of(scope) -> str:
@@ -70,7 +67,7 @@ def shown(value: Any) -> str:
 def out_of_range(spec: BaseModel, name: str, allowed: str) -> Refused:
     value = shown(getattr(spec, name))
     message = f"{name} = {value}: allowed {allowed}"
-    problem = models.FieldProblem(field=name, value=value, message=message)
+    problem = answers.FieldProblem(field=name, value=value, message=message)
     return Refused(422, "invalid", message + ".", [problem])
 
 
@@ -79,16 +76,14 @@ def infeasible(spec: BaseModel, error: DldsimError) -> Refused:
     given = spec.model_dump()
     named = []
     for fault in error.faults:
-        tables = [k for k in given if k.endswith("_csv") and given[k] and k in str(fault)]
-        for key in fault.keys:
-            for name in [key.removeprefix("device.")] if key not in FROM_TABLE else tables:
-                value, *inner = given.get(name.partition(".")[0]), *name.split(".")[1:]
-                for part in inner if value is not None else ():
-                    value = value[int(part) if part.isdigit() else part]
-                if value is not None:
-                    named.append(
-                        models.FieldProblem(field=name, value=shown(value), message=str(fault))
-                    )
+        for name in (key.removeprefix("device.") for key in fault.keys):
+            value, *inner = given.get(name.partition(".")[0]), *name.split(".")[1:]
+            for part in inner if value is not None else ():
+                value = value[int(part) if part.isdigit() else part]
+            if value is not None:
+                named.append(
+                    answers.FieldProblem(field=name, value=shown(value), message=str(fault))
+                )
     return Refused(422, "infeasible", str(error), named)
 
 
@@ -110,11 +105,11 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
         )
         return answer(
             422,
-            models.Problem(
+            answers.Problem(
                 error="invalid",
                 message=message,
                 fields=[
-                    models.FieldProblem(field="Content-Type", value=given[:100], message=message)
+                    answers.FieldProblem(field="Content-Type", value=given[:100], message=message)
                 ],
             ),
         )
@@ -133,7 +128,7 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
                 allowed = "no such field; known: " + ", ".join(model.model_fields)
             elif path:
                 allowed = allowed_at(model, path, details)
-                most = models.LARGEST.get(path[0])
+                most = ranges.LARGEST.get(path[0])
                 if most is not None and "up to" not in allowed:
                     allowed += f", up to {most:g}"
             elif "ctx" in details and "error" in details["ctx"]:
@@ -144,11 +139,11 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
         message = f"{name or 'request'}{' = ' + value if value else ''}: allowed: {allowed}"
         keys = getattr(details.get("ctx", {}).get("error"), "keys", ())
         fields += [
-            models.FieldProblem(field=ascii_safe(key), value=value, message=ascii_safe(message))
+            answers.FieldProblem(field=ascii_safe(key), value=value, message=ascii_safe(message))
             for key in keys or [name]
         ]
     text = "; ".join(list(dict.fromkeys(f.message for f in fields))[:5])
-    return answer(422, models.Problem(error="invalid", message=text, fields=fields[:20]))
+    return answer(422, answers.Problem(error="invalid", message=text, fields=fields[:20]))
 
 
 def ascii_safe(text: str) -> str:
@@ -170,20 +165,20 @@ def add_handlers(app: FastAPI) -> None:
     @app.exception_handler(HTTPException)
     async def http(_: Request, error: HTTPException) -> Response:
         kind = names.get(error.status_code, "refused")
-        found = answer(error.status_code, models.Problem(error=kind, message=str(error.detail)))
+        found = answer(error.status_code, answers.Problem(error=kind, message=str(error.detail)))
         found.headers.update(error.headers or {})
         return found
 
     @app.exception_handler(DldsimError)
     async def told(_: Request, error: DldsimError) -> Response:
-        return answer(422, models.Problem(error="infeasible", message=ascii_safe(str(error))))
+        return answer(422, answers.Problem(error="infeasible", message=ascii_safe(str(error))))
 
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> Response:
         sys.stderr.write("".join(traceback.format_exception(error)))
         return answer(
             500,
-            models.Problem(
+            answers.Problem(
                 error="defect",
                 message="The service failed at this request; its log has the details. "
                 "It goes on for others.",

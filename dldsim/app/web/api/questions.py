@@ -10,7 +10,7 @@ from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis.calibration import default_curves, stiffness_for
 from dldsim.app import design_answers, outcome_answers
 from dldsim.app.asked import ask
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.data import Source, columns_of, table_rows
 from dldsim.app.web.api.problems import PREFIX, infeasible, problems
 from dldsim.app.web.api.service import CampaignQuery, Service, calibration_of
@@ -36,11 +36,11 @@ def make_router(service: Service) -> APIRouter:
 
     @routes.post(
         "/predict",
-        response_model=models.Prediction,
+        response_model=answers.Prediction,
         responses=problems(404, 409),
         tags=["questions"],
     )
-    def predict(spec: models.PredictSpec) -> models.Prediction:
+    def predict(spec: specs.PredictSpec) -> answers.Prediction:
         """The angle of one cell type in one array, and what acts on the cell."""
         source = service.source(spec.campaign)
         model = source.known.model
@@ -64,7 +64,7 @@ def make_router(service: Service) -> APIRouter:
                 "gap_um does not exceed pillar_radius_um by the safety distance of "
                 f"{safety:g} µm: a search would not propose this array."
             )
-        return models.Prediction(
+        return answers.Prediction(
             angle_deg=angle,
             low_deg=low,
             high_deg=high,
@@ -73,7 +73,7 @@ def make_router(service: Service) -> APIRouter:
             bump_angle_deg=math.degrees(math.atan(1 / spec.periodicity)),
             sigma_num_deg=None if sigma is None else float(sigma[0]),
             inside_domain=inside,
-            distance_outside=models.finite(float(outside)),
+            distance_outside=answers.finite(float(outside)),
             cell=cell.row("prediction") | {"told_apart": None, "doubt": ""},
             warnings=warnings,
             provenance=source.provenance,
@@ -81,11 +81,11 @@ def make_router(service: Service) -> APIRouter:
 
     @routes.post(
         "/outcome",
-        response_model=models.OutcomeAnswer,
+        response_model=answers.OutcomeAnswer,
         responses=problems(404, 409, 429),
         tags=["questions"],
     )
-    def outcome(spec: models.OutcomeSpec) -> models.OutcomeAnswer:
+    def outcome(spec: specs.OutcomeSpec) -> answers.OutcomeAnswer:
         """Purity and recovery of two populations at the outlets of one device."""
         source = service.source(spec.campaign)
         known = source.known
@@ -104,7 +104,7 @@ def make_router(service: Service) -> APIRouter:
             raise infeasible(spec, error) from error
         finally:
             service.outcomes.release()
-        return models.OutcomeAnswer(
+        return answers.OutcomeAnswer(
             **at_outlets(found, asked.notes),
             request=request.model_dump(include=set(CellTypes.model_fields) | {"tolerance_um"}),
             device=device.model_dump(),
@@ -116,11 +116,11 @@ def make_router(service: Service) -> APIRouter:
 
     @routes.post(
         "/stiffness",
-        response_model=models.StiffnessAnswer,
+        response_model=answers.StiffnessAnswer,
         responses=problems(404, 409),
         tags=["questions"],
     )
-    def stiffness(spec: models.StiffnessSpec) -> models.StiffnessAnswer:
+    def stiffness(spec: specs.StiffnessSpec) -> answers.StiffnessAnswer:
         """Moduli of a cell with a measured deformation index."""
         source = service.source(spec.campaign)
         try:
@@ -135,7 +135,7 @@ def make_router(service: Service) -> APIRouter:
             )
         except DldsimError as error:
             raise infeasible(spec, error) from error
-        return models.StiffnessAnswer(
+        return answers.StiffnessAnswer(
             **found,
             deformation_index=spec.deformation_index,
             error=spec.error,
@@ -143,9 +143,9 @@ def make_router(service: Service) -> APIRouter:
         )
 
     @routes.get(
-        "/model", response_model=models.ModelInfo, responses=problems(404, 409), tags=["questions"]
+        "/model", response_model=answers.ModelInfo, responses=problems(404, 409), tags=["questions"]
     )
-    def model(campaign: CampaignQuery = None) -> models.ModelInfo:
+    def model(campaign: CampaignQuery = None) -> answers.ModelInfo:
         """The surrogate, where it holds, and what may be asked."""
         source = service.source(campaign)
         known = source.known
@@ -162,7 +162,7 @@ def make_router(service: Service) -> APIRouter:
             own_assay = named["assay"].iloc[0]
             named = named[(named["stiffness_set"] != "") & named["deformation_index"].notna()]
             sets = [
-                models.CalibratedSet(**row)
+                answers.CalibratedSet(**row)
                 for row in table_rows(
                     "calibration",
                     named[["stiffness_set", "deformation_index", "deformation_index_std"]],
@@ -177,10 +177,10 @@ def make_router(service: Service) -> APIRouter:
             for k, v in service.settings.model_dump().items()
             if isinstance(v, int | float) and k.endswith(("_max", "_bytes", "_s"))
         }
-        return models.ModelInfo(
-            card=models.finite({k: v for k, v in card.items() if k != "domain"}),
+        return answers.ModelInfo(
+            card=answers.finite({k: v for k, v in card.items() if k != "domain"}),
             deformation_index_range=ranges.get(own_assay, (0.0, 1.0)),
-            domain=models.finite(
+            domain=answers.finite(
                 {
                     "shapes": shapes,
                     "geometries": own["geometries"],
@@ -194,14 +194,14 @@ def make_router(service: Service) -> APIRouter:
             cell=known.settings["cell"],
             device=known.settings["device"],
             safety_distance_um=known.chip.safety_distance_um,
-            fields=models.limits_of(models.DesignSpec),
+            fields=answers.limits_of(specs.DesignSpec),
             limits=limits,
             provenance=source.provenance,
         )
 
-    def table(kind: str, source: Source) -> models.Table:
+    def table(kind: str, source: Source) -> answers.Table:
         frame = calibration_of(source) if kind == "calibration" else source.known.tables[kind]
-        return models.Table(
+        return answers.Table(
             kind=kind,
             columns=columns_of(kind),
             rows=table_rows(kind, frame),
@@ -210,31 +210,31 @@ def make_router(service: Service) -> APIRouter:
 
     @routes.get(
         "/campaign/outcomes",
-        response_model=models.Table,
+        response_model=answers.Table,
         responses=problems(404, 409),
         tags=["campaign"],
     )
-    def outcomes(campaign: CampaignQuery = None) -> models.Table:
+    def outcomes(campaign: CampaignQuery = None) -> answers.Table:
         """The outcomes learnt from, and measurements."""
         return table("outcomes", service.source(campaign))
 
     @routes.get(
         "/campaign/calibration",
-        response_model=models.Table,
+        response_model=answers.Table,
         responses=problems(404, 409),
         tags=["campaign"],
     )
-    def calibration(campaign: CampaignQuery = None) -> models.Table:
+    def calibration(campaign: CampaignQuery = None) -> answers.Table:
         """Index of each membrane in each assay."""
         return table("calibration", service.source(campaign))
 
     @routes.get(
         "/health",
-        response_model=models.Health,
-        responses={503: {"model": models.Health}},
+        response_model=answers.Health,
+        responses={503: {"model": answers.Health}},
         tags=["service"],
     )
-    def health(response: Response) -> models.Health:
+    def health(response: Response) -> answers.Health:
         """Whether the service can answer; 503 if not."""
         problems = service.pool.problems()
         name, counts = None, {}
@@ -249,7 +249,7 @@ def make_router(service: Service) -> APIRouter:
         response.status_code = 503 if problems else 200
         response.headers["Cache-Control"] = "no-store"
         states = [state for lane in counts.values() for state in lane.items()]
-        return models.Health(
+        return answers.Health(
             status="unhealthy" if problems else "healthy",
             problems=problems,
             campaign=name,

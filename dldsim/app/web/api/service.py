@@ -10,12 +10,12 @@ from fastapi import Path, Query
 
 from dldsim.app import design_answers
 from dldsim.app.asked import ask
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.data import Data, NotFound, NotReady, Source, Unavailable
-from dldsim.app.web.api.models import UUID
 from dldsim.app.web.api.pool import Pool
 from dldsim.app.web.api.problems import PREFIX, Refused, infeasible, out_of_range
 from dldsim.app.web.api.settings import Settings
+from dldsim.app.web.api.specs import UUID
 from dldsim.app.web.api.store import SEARCH, VERIFICATION, Busy, Job, Store
 from dldsim.design import search
 from dldsim.design.populations import flow_of
@@ -77,7 +77,7 @@ class Service:
         self.pool.wake()
         return before
 
-    def check(self, spec: models.DesignSpec) -> None:
+    def check(self, spec: specs.DesignSpec) -> None:
         """Refuse what no search can answer, before it waits in the queue."""
         most = self.settings.trials_max
         if spec.trials > most:
@@ -123,7 +123,7 @@ class Service:
             progress["left_s"] = (
                 self.store.mean_seconds(job.lane) * (position + 1) / self.pool.sizes[job.lane]
             )
-        found = models.DesignStatus(
+        found = answers.DesignStatus(
             id=job.id,
             state=job.state,
             queue_position=position,
@@ -133,10 +133,11 @@ class Service:
             attempts=job.attempts,
             spec=job.spec,
             error=job.error,
-            progress=models.Progress(**progress),
+            progress=answers.Progress(**progress),
             verification=self._verdict(job, verdict),
             files=[
-                models.FileInfo(**f, url=self.file_url(job.id, f)) for f in self.store.files(job.id)
+                answers.FileInfo(**f, url=self.file_url(job.id, f))
+                for f in self.store.files(job.id)
             ],
         )
         text = found.model_dump_json()
@@ -154,12 +155,12 @@ class Service:
             which = f"?verified={file['verified']}"
         return f"{self.prefix}/designs/{identifier}/files/{file['kind']}{which}"
 
-    def _verdict(self, job: Job, found: Job | None) -> models.Verdict:
+    def _verdict(self, job: Job, found: Job | None) -> answers.Verdict:
         if found is None:
-            return models.Verdict(state="not-wanted")
+            return answers.Verdict(state="not-wanted")
         if found.state == "done":
-            return models.Verdict.model_validate_json(self.store.result(job.id, "verification"))
-        return models.Verdict(
+            return answers.Verdict.model_validate_json(self.store.result(job.id, "verification"))
+        return answers.Verdict(
             state=found.state,
             message=found.error or found.progress.get("message", ""),
             elapsed_s=found.progress.get("elapsed_s"),

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from dldsim.app import design_answers
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.data import Data, table_rows
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import VERIFICATION, Job, Store
@@ -103,7 +103,7 @@ class Worker:
 
     def _design(self, job: Job) -> None:
         clock = time.perf_counter()
-        spec = models.DesignSpec(**job.spec)
+        spec = specs.DesignSpec(**job.spec)
         source = self.data.source(spec.campaign)
         seconds = {"load": time.perf_counter() - clock}
         progress = _Course(self, job, spec)
@@ -135,11 +135,11 @@ class Worker:
         about = source.provenance.model_copy(
             update={"config_hash": made.about["config_hash"], "seed": made.about["seed"]}
         )
-        answer = models.DesignResult(**result, seconds=dict(seconds))
+        answer = answers.DesignResult(**result, seconds=dict(seconds))
         return f'{{"result":{answer.model_dump_json()},"provenance":{about.model_dump_json()}}}'
 
     def _verification(self, job: Job) -> None:
-        spec = models.DesignSpec(**job.spec)
+        spec = specs.DesignSpec(**job.spec)
         source = self.data.source(spec.campaign)
         known = source.known
         start = time.perf_counter()
@@ -183,7 +183,7 @@ class Worker:
                 shutil.rmtree(work, ignore_errors=True)
                 raise
             files = files_of(folder, spec.name)
-        result = models.Verdict(
+        result = answers.Verdict(
             state="done",
             message="",
             elapsed_s=time.perf_counter() - start,
@@ -197,14 +197,14 @@ class Worker:
         source, parts = self.data.fit(job.id, job.spec)
         card = {k: v for k, v in source.known.model.card.items() if k not in ("domain",)}
         about = source.provenance.model_dump_json()
-        text = json.dumps(models.finite(card))
+        text = json.dumps(answers.finite(card))
         self.store.finish(job, result=f'{{"card":{text},"provenance":{about}}}', parts=parts)
 
 
 class _Course:
     """Notes the trials of a search in the store, a few times a second."""
 
-    def __init__(self, worker: Worker, job: Job, spec: models.DesignSpec):
+    def __init__(self, worker: Worker, job: Job, spec: specs.DesignSpec):
         self.worker, self.job = worker, job
         self.trials = spec.trials
         if spec.sampler == "grid":
@@ -220,7 +220,7 @@ class _Course:
         self.done = row["trial"] + 1
         if row["feasible"] and (self.best is None or row["value"] > self.best["value"]):
             self.best = {
-                k: row[k] for k in models.Best.model_fields if k != "inside_training_domain"
+                k: row[k] for k in answers.Best.model_fields if k != "inside_training_domain"
             }
             self.best["inside_training_domain"] = bool(row["outside"] <= DOMAIN_TOLERANCE)
         self.convergence.append(None if self.best is None else self.best["value"])
@@ -233,7 +233,7 @@ class _Course:
         self.convergence = result["convergence"]
         if self.best is None:
             self.best = {
-                k: v for k, v in result["designs"][0].items() if k in models.Best.model_fields
+                k: v for k, v in result["designs"][0].items() if k in answers.Best.model_fields
             } | {"trial": 0}
             same = [
                 t["trial"] for t in result["trials"] if all(t[k] == self.best[k] for k in GEOMETRY)
@@ -282,7 +282,7 @@ def result_of(made: design_answers.Made, source) -> dict[str, Any]:
         "populations": table_rows("design_populations", found.populations),
         "designs": table_rows("designs", found.designs),
         "trials": table_rows("design_trials", trials),
-        "convergence": models.finite(best.iloc[:: max(1, len(best) // GRID_TRIALS)].tolist()),
+        "convergence": answers.finite(best.iloc[:: max(1, len(best) // GRID_TRIALS)].tolist()),
         "tolerances": table_rows("design_tolerances", found.tolerances),
         "importance": table_rows("design_importance", found.importance),
         "slices": table_rows("design_slices", found.slices),

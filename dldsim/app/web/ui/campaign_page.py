@@ -2,8 +2,8 @@
 
 import streamlit as st
 
-from dldsim.app.web.api import models
-from dldsim.app.web.ui import charts, client, parts
+from dldsim.app.web.api import answers, specs
+from dldsim.app.web.ui import campaign_charts, candidate_charts, client, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, chart, frame, number, plain
 
@@ -68,7 +68,7 @@ def _angles() -> None:
             if chosen:
                 shown = [r for r in shown if r[name] in chosen]
     without = sum(r["migration_angle_deg"] is None for r in shown)
-    chart(charts.angles(shown, x, response, group), "angles", "angle of each outcome")
+    chart(campaign_charts.angles(shown, x, response, group), "angles", "angle of each outcome")
     st.caption(
         f"{len(shown)} outcomes, {without} of them without an angle (stuck, unstable or "
         "failed). Hollow: undecided, the motion had not settled when its rows were spent. "
@@ -77,7 +77,7 @@ def _angles() -> None:
         + (" Dotted: limits of zigzag (0.1) and bump (0.9)." if response == "share" else "")
     )
     st.markdown("**Modes**")
-    chart(charts.modes(shown, x), "modes", "number of outcomes in each mode")
+    chart(campaign_charts.modes(shown, x), "modes", "number of outcomes in each mode")
     with st.expander(f"The {len(shown)} outcomes"):
         frame(
             shown,
@@ -100,12 +100,12 @@ def _angles() -> None:
         )
 
 
-def _calibration(info: models.ModelInfo) -> None:
+def _calibration(info: answers.ModelInfo) -> None:
     rows = _rows("calibration")
     if rows is None:
         return
     assays = list(dict.fromkeys(r["assay"] for r in rows if r["assay"] in info.calibrated_range))
-    limits = {f.name: f for f in models.limits_of(models.StiffnessSpec)}
+    limits = {f.name: f for f in answers.limits_of(specs.StiffnessSpec)}
     left, right = st.columns([2, 3])
     with left:
         st.markdown("**Measured deformation index → stiffness**")
@@ -161,7 +161,7 @@ def _calibration(info: models.ModelInfo) -> None:
                 )
     with right:
         chart(
-            charts.calibration(rows, found and found.model_dump()),
+            campaign_charts.calibration(rows, found and found.model_dump()),
             "calibration",
             "deformation index over the spring constant",
         )
@@ -184,7 +184,7 @@ def _calibration(info: models.ModelInfo) -> None:
         )
 
 
-def _flow_of(found: models.StiffnessAnswer) -> str:
+def _flow_of(found: answers.StiffnessAnswer) -> str:
     """At which velocity or stress it holds, and where it is from."""
     flow = ""
     if found.velocity_mm_s is not None:
@@ -198,8 +198,8 @@ def _campaign() -> dict[str, str]:
     return {"campaign": parts.campaign()} if parts.campaign() else {}
 
 
-def _predict(info: models.ModelInfo) -> None:
-    limits = {f.name: f for f in models.limits_of(models.PredictSpec)}
+def _predict(info: answers.ModelInfo) -> None:
+    limits = {f.name: f for f in answers.limits_of(specs.PredictSpec)}
     low, high = info.deformation_index_range
     arrays = info.domain["arrays"]
     middle = sorted(arrays)[len(arrays) // 2]
@@ -260,7 +260,7 @@ def _predict(info: models.ModelInfo) -> None:
         "mode_1": found.mode,
     } | asked_for
     chart(
-        charts.array(design, [asked_for["cell_radius_um"]]),
+        candidate_charts.array(design, [asked_for["cell_radius_um"]]),
         "predicted-array",
         "array with the predicted mean direction",
     )

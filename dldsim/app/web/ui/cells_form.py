@@ -6,7 +6,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers
 from dldsim.app.web.ui.in_domain import SHAPES, index_range
 from dldsim.app.web.ui.parts import allowed, at_field, number, plain
 
@@ -34,7 +34,7 @@ KEPT = (
 )
 SHARED = ("assay", "velocity_mm_s", "height_um", "concentration_ratio", "radius_distribution")
 
-Fields = Mapping[str, models.FieldLimit]
+Fields = Mapping[str, answers.FieldLimit]
 
 
 def fill(given: Mapping[str, Any]) -> None:
@@ -52,7 +52,7 @@ def fill(given: Mapping[str, Any]) -> None:
         state[f"form:{key}"] = given[key]
 
 
-def show(place: str, info: models.ModelInfo, fields: Fields) -> dict[str, Any]:
+def show(place: str, info: answers.ModelInfo, fields: Fields) -> dict[str, Any]:
     """Fields of both cell types and their flow; what the API says of them is shown at ``place``."""
     spec: dict[str, Any] = {}
     assay = st.session_state.get("form:assay")
@@ -65,7 +65,7 @@ def show(place: str, info: models.ModelInfo, fields: Fields) -> dict[str, Any]:
 
 
 def _cell(
-    place: str, i: str, info: models.ModelInfo, fields: Fields, assay: str | None
+    place: str, i: str, info: answers.ModelInfo, fields: Fields, assay: str | None
 ) -> dict[str, Any]:
     """Fields of one cell type."""
     colour = ("blue", "orange")[int(i) - 1]
@@ -122,7 +122,7 @@ def _cell(
 
 
 def _deformability(
-    place: str, i: str, info: models.ModelInfo, fields: Fields, assay: str | None, shape: str
+    place: str, i: str, info: answers.ModelInfo, fields: Fields, assay: str | None, shape: str
 ) -> dict[str, Any]:
     low, high = index_range(info, assay)
     sets = {s.stiffness_set: s for s in info.stiffness_sets}
@@ -228,7 +228,7 @@ def text_of(content: bytes) -> str:
         return content.decode("latin-1")
 
 
-def _shared(place: str, info: models.ModelInfo, fields: Fields) -> dict[str, Any]:
+def _shared(place: str, info: answers.ModelInfo, fields: Fields) -> dict[str, Any]:
     """Assay, flow and mixture."""
     state, found = st.session_state, {}
     first, second, third = st.columns(3)

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import httpx
 from pydantic import BaseModel, ValidationError
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers
 from dldsim.app.web.ui import api_address
 
 PREFIX = "/api/v1"
@@ -20,7 +20,7 @@ Model = TypeVar("Model", bound=BaseModel)
 class ApiError(Exception):
     """A refusal or failure as the API told it; `status` 0: no answer at all."""
 
-    def __init__(self, status: int, problem: models.Problem):
+    def __init__(self, status: int, problem: answers.Problem):
         super().__init__(problem.message)
         self.status, self.problem = status, problem
 
@@ -56,9 +56,9 @@ def call(method: str, path: str, **more: Any) -> httpx.Response:
     if answer.is_success:
         return answer
     try:
-        problem = models.Problem.model_validate_json(answer.content)
+        problem = answers.Problem.model_validate_json(answer.content)
     except ValidationError:
-        problem = models.Problem(
+        problem = answers.Problem(
             error="failed",
             message=f"{address()} answered with status {answer.status_code} and not as this "
             "service does. Is something else at that address?",
@@ -67,7 +67,7 @@ def call(method: str, path: str, **more: Any) -> httpx.Response:
 
 
 def _silent(message: str) -> ApiError:
-    return ApiError(0, models.Problem(error="unreachable", message=message))
+    return ApiError(0, answers.Problem(error="unreachable", message=message))
 
 
 def _ask(model: type[Model], method: str, path: str, **more: Any) -> Model:
@@ -77,7 +77,7 @@ def _ask(model: type[Model], method: str, path: str, **more: Any) -> Model:
     except ValidationError as error:
         raise ApiError(
             answer.status_code,
-            models.Problem(
+            answers.Problem(
                 error="failed",
                 message=f"The answer of {address()} is not what this page expects. "
                 "Page and service are of different versions.",
@@ -89,64 +89,64 @@ def _of(campaign: str | None) -> dict[str, str]:
     return {"campaign": campaign} if campaign else {}
 
 
-def model(campaign: str | None) -> models.ModelInfo:
-    return _ask(models.ModelInfo, "GET", "/model", params=_of(campaign))
+def model(campaign: str | None) -> answers.ModelInfo:
+    return _ask(answers.ModelInfo, "GET", "/model", params=_of(campaign))
 
 
-def table(kind: str, campaign: str | None) -> models.Table:
-    return _ask(models.Table, "GET", f"/campaign/{kind}", params=_of(campaign))
+def table(kind: str, campaign: str | None) -> answers.Table:
+    return _ask(answers.Table, "GET", f"/campaign/{kind}", params=_of(campaign))
 
 
-def health() -> models.Health:
+def health() -> answers.Health:
     """Also when it is unhealthy. Raises ApiError if there is no such answer."""
     try:
-        return _ask(models.Health, "GET", "/health")
+        return _ask(answers.Health, "GET", "/health")
     except ApiError as error:
         if error.status != 503:
             raise
         answer = connect(address()).get(PREFIX + "/health")
-        return models.Health.model_validate_json(answer.content)
+        return answers.Health.model_validate_json(answer.content)
 
 
-def ask(spec: Mapping[str, Any]) -> models.Accepted:
-    return _ask(models.Accepted, "POST", "/designs", json=spec)
+def ask(spec: Mapping[str, Any]) -> answers.Accepted:
+    return _ask(answers.Accepted, "POST", "/designs", json=spec)
 
 
-def design(identifier: str) -> models.DesignStatus:
-    return _ask(models.DesignStatus, "GET", f"/designs/{identifier}")
+def design(identifier: str) -> answers.DesignStatus:
+    return _ask(answers.DesignStatus, "GET", f"/designs/{identifier}")
 
 
-def cancel(identifier: str) -> models.DesignStatus:
-    return _ask(models.DesignStatus, "DELETE", f"/designs/{identifier}")
+def cancel(identifier: str) -> answers.DesignStatus:
+    return _ask(answers.DesignStatus, "DELETE", f"/designs/{identifier}")
 
 
-def content(file: models.FileInfo) -> bytes:
+def content(file: answers.FileInfo) -> bytes:
     """Bytes of a file of a design, whose address is as the API gave it."""
     return call("GET", file.url.partition(PREFIX)[2]).content
 
 
-def outcome(spec: Mapping[str, Any]) -> models.OutcomeAnswer:
-    return _ask(models.OutcomeAnswer, "POST", "/outcome", json=spec)
+def outcome(spec: Mapping[str, Any]) -> answers.OutcomeAnswer:
+    return _ask(answers.OutcomeAnswer, "POST", "/outcome", json=spec)
 
 
-def predict(spec: Mapping[str, Any]) -> models.Prediction:
-    return _ask(models.Prediction, "POST", "/predict", json=spec)
+def predict(spec: Mapping[str, Any]) -> answers.Prediction:
+    return _ask(answers.Prediction, "POST", "/predict", json=spec)
 
 
-def stiffness(spec: Mapping[str, Any]) -> models.StiffnessAnswer:
-    return _ask(models.StiffnessAnswer, "POST", "/stiffness", json=spec)
+def stiffness(spec: Mapping[str, Any]) -> answers.StiffnessAnswer:
+    return _ask(answers.StiffnessAnswer, "POST", "/stiffness", json=spec)
 
 
-def measure(spec: Mapping[str, Any]) -> models.CampaignStatus:
-    return _ask(models.CampaignStatus, "POST", "/measurements", json=spec)
+def measure(spec: Mapping[str, Any]) -> answers.CampaignStatus:
+    return _ask(answers.CampaignStatus, "POST", "/measurements", json=spec)
 
 
-def upload(name: str, files: Mapping[str, tuple[str, bytes]]) -> models.CampaignStatus:
-    return _ask(models.CampaignStatus, "POST", "/campaigns", data={"name": name}, files=files)
+def upload(name: str, files: Mapping[str, tuple[str, bytes]]) -> answers.CampaignStatus:
+    return _ask(answers.CampaignStatus, "POST", "/campaigns", data={"name": name}, files=files)
 
 
-def campaign(identifier: str) -> models.CampaignStatus:
-    return _ask(models.CampaignStatus, "GET", f"/campaigns/{identifier}")
+def campaign(identifier: str) -> answers.CampaignStatus:
+    return _ask(answers.CampaignStatus, "GET", f"/campaigns/{identifier}")
 
 
 def forget(identifier: str) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.ui import cells_form, client, in_domain, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number, plain
@@ -23,7 +23,7 @@ OBJECTIVES = {
 SAMPLERS = {"tpe": "TPE, trial by trial", "grid": "every point of a grid"}
 
 
-def fill(spec: models.DesignSpec) -> None:
+def fill(spec: specs.DesignSpec) -> None:
     """Put a request into the form, for one who comes back to a design."""
     given = spec.model_dump()
     state = st.session_state
@@ -53,7 +53,7 @@ def fill(spec: models.DesignSpec) -> None:
         state[f"form:{name}"] = given[name]
 
 
-def show(info: models.ModelInfo, status: models.DesignStatus | None) -> None:
+def show(info: answers.ModelInfo, status: answers.DesignStatus | None) -> None:
     fields = {f.name: f for f in info.fields}
     with st.expander(
         "Request", expanded=status is None or status.state == "failed", icon=":material/tune:"
@@ -83,7 +83,7 @@ def _send(spec: Mapping[str, Any]) -> None:
     st.rerun()
 
 
-def _bounds(info: models.ModelInfo, fields: Mapping[str, models.FieldLimit]) -> dict[str, Any]:
+def _bounds(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) -> dict[str, Any]:
     """Bounds of the geometry."""
     found: dict[str, Any] = {}
     learnt = {n: [a[k] for a in info.domain["arrays"]] for k, n in enumerate(BOUNDS)}
@@ -112,7 +112,7 @@ def _bounds(info: models.ModelInfo, fields: Mapping[str, models.FieldLimit]) -> 
     return found
 
 
-def _options(info: models.ModelInfo, fields: Mapping[str, models.FieldLimit]) -> dict[str, Any]:
+def _options(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) -> dict[str, Any]:
     """Constraints, objective, search."""
     state = st.session_state
     found: dict[str, Any] = {}
@@ -172,7 +172,7 @@ def _options(info: models.ModelInfo, fields: Mapping[str, models.FieldLimit]) ->
     return found
 
 
-def _look_ahead(info: models.ModelInfo, spec: Mapping[str, Any]) -> None:
+def _look_ahead(info: answers.ModelInfo, spec: Mapping[str, Any]) -> None:
     """The request in the training domain, before it is sent."""
     low, high = in_domain.index_range(info, spec["assay"])
     by_set = {s.stiffness_set: s for s in info.stiffness_sets}

@@ -2,8 +2,8 @@
 
 import streamlit as st
 
-from dldsim.app.web.api import models
-from dldsim.app.web.ui import charts, client, design_form, design_result, parts
+from dldsim.app.web.api import answers
+from dldsim.app.web.ui import client, design_form, design_result, parts, search_charts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import chart
 
@@ -35,7 +35,7 @@ def _forget() -> None:
     st.query_params.pop("design", None)
 
 
-def _current() -> models.DesignStatus | None:
+def _current() -> answers.DesignStatus | None:
     """State of the design in the address; one that does not change any more is asked for once."""
     identifier = st.session_state.get("design")
     if identifier is None:
@@ -98,7 +98,7 @@ def _live(identifier: str) -> None:
             st.warning("The best so far lies outside the arrays learnt from.")
     if progress.convergence:
         chart(
-            charts.convergence(progress.convergence, status.spec.objective, progress.trials),
+            search_charts.convergence(progress.convergence, status.spec.objective, progress.trials),
             "live",
             "best value after each trial",
         )

@@ -5,8 +5,16 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
-from dldsim.app.web.ui import charts, client, in_domain, outlets_chapter, parts
+from dldsim.app.web.api import answers
+from dldsim.app.web.ui import (
+    candidate_charts,
+    chart_style,
+    client,
+    in_domain,
+    outlets_chapter,
+    parts,
+    search_charts,
+)
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.design_form import BOUNDS
 from dldsim.app.web.ui.parts import chart, frame, plain
@@ -56,7 +64,7 @@ def metrics(best: Mapping[str, Any], uncertainty: float | None = None) -> None:
     )
 
 
-def show(info: models.ModelInfo, status: models.DesignStatus) -> None:
+def show(info: answers.ModelInfo, status: answers.DesignStatus) -> None:
     if status.state == "failed":
         st.error(
             f"**The search failed.** {plain(status.error or 'No reason was given.')}",
@@ -143,11 +151,11 @@ def show(info: models.ModelInfo, status: models.DesignStatus) -> None:
     _verification(status)
 
 
-def _candidate(status: models.DesignStatus, design: Mapping[str, Any], tolerances: list) -> None:
+def _candidate(status: answers.DesignStatus, design: Mapping[str, Any], tolerances: list) -> None:
     request = status.result.request
     st.markdown("**Array to scale, with the predicted mean directions**")
     chart(
-        charts.array(design, (request["radius_1_um"], request["radius_2_um"])),
+        candidate_charts.array(design, (request["radius_1_um"], request["radius_2_um"])),
         "array",
         "pillars of the candidate with the mean directions of both cell types",
     )
@@ -201,7 +209,7 @@ def _candidate(status: models.DesignStatus, design: Mapping[str, Any], tolerance
         left, right = st.columns(2)
         with left:
             chart(
-                charts.tornado(tolerances, design["separation_deg"]),
+                candidate_charts.tornado(tolerances, design["separation_deg"]),
                 "tornado",
                 "separation with one thing off at a time",
             )
@@ -209,7 +217,7 @@ def _candidate(status: models.DesignStatus, design: Mapping[str, Any], tolerance
         with right:
             frame(
                 [
-                    {**r, "parameter": charts.PLAIN.get(r["parameter"], r["parameter"])}
+                    {**r, "parameter": chart_style.PLAIN.get(r["parameter"], r["parameter"])}
                     for r in tolerances
                 ],
                 {
@@ -230,7 +238,7 @@ def _shown(value: float | None, unit: str = "°", form: str = ".2f") -> str:
     return "not known" if value is None else f"{value:{form}}{unit}"
 
 
-def _downloads(status: models.DesignStatus, candidate: int) -> None:
+def _downloads(status: answers.DesignStatus, candidate: int) -> None:
     st.subheader("Downloads")
     groups = [(f"Candidate {candidate}", [f for f in status.files if f.candidate == candidate])]
     groups += [
@@ -259,7 +267,7 @@ def _downloads(status: models.DesignStatus, candidate: int) -> None:
                 )
 
 
-def _fetch(file: models.FileInfo):
+def _fetch(file: answers.FileInfo):
     return lambda: client.content(file)
 
 
@@ -267,7 +275,7 @@ def _size(count: int) -> str:
     return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.1f} kB"
 
 
-def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
+def _search(status: answers.DesignStatus, designs: list, trials: list) -> None:
     """How the search went, and what it says of the parameters."""
     result, objective = status.result, status.spec.objective
     st.subheader("The search")
@@ -276,7 +284,7 @@ def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
         st.markdown("**Convergence**")
         grid = status.spec.sampler == "grid"
         chart(
-            charts.convergence(result.convergence, objective, trials=[] if grid else trials),
+            search_charts.convergence(result.convergence, objective, trials=[] if grid else trials),
             "convergence",
             "value of each trial and the best so far",
         )
@@ -296,7 +304,7 @@ def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
         st.markdown("**Importance for the objective**")
         rows = [r.model_dump() for r in result.importance]
         if any(r["importance"] is not None for r in rows):
-            chart(charts.importance(rows), "importance", "importance of each parameter")
+            chart(search_charts.importance(rows), "importance", "importance of each parameter")
         else:
             st.write("The values of the trials do not differ: no importance.")
         if rows:
@@ -304,7 +312,7 @@ def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
     st.markdown("**Parallel coordinates of the feasible trials**")
     same = [t["trial"] for t in trials if all(t[k] == designs[0][k] for k in BOUNDS)]
     chart(
-        charts.parallel(trials, objective, same[0] if same else None),
+        search_charts.parallel(trials, objective, same[0] if same else None),
         "parallel",
         "feasible trials over all parameters and the objective",
     )
@@ -319,7 +327,7 @@ def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
     y = second.selectbox("along y", others, format_func=BOUNDS.get, key="form:surface_y")
     [third] = [n for n in names if n not in (x, y)]
     chart(
-        charts.surface([s.model_dump() for s in result.slices], x, y, designs),
+        search_charts.surface([s.model_dump() for s in result.slices], x, y, designs),
         "surface",
         "predicted difference of the angles over two parameters",
     )
@@ -330,7 +338,7 @@ def _search(status: models.DesignStatus, designs: list, trials: list) -> None:
     )
 
 
-def _in_domain(info: models.ModelInfo, request: Mapping[str, Any], designs: list) -> None:
+def _in_domain(info: answers.ModelInfo, request: Mapping[str, Any], designs: list) -> None:
     st.subheader("The request in the training domain")
     in_domain.show(info, request, "done", designs)
     st.caption(
@@ -340,7 +348,7 @@ def _in_domain(info: models.ModelInfo, request: Mapping[str, Any], designs: list
     )
 
 
-def _verification(status: models.DesignStatus) -> None:
+def _verification(status: answers.DesignStatus) -> None:
     st.subheader("Verification by simulation")
     state = status.verification.state
     if state in ("waiting", "queued", "running"):
@@ -380,7 +388,7 @@ def _verdict_pending(identifier: str) -> None:
         st.rerun()
 
 
-def _verdict(found: models.Verdict) -> None:
+def _verdict(found: answers.Verdict) -> None:
     designs = [d.model_dump() for d in found.designs]
     for d in designs:
         words = (
@@ -414,4 +422,8 @@ def _verdict(found: models.Verdict) -> None:
         st.caption(plain(designs[0]["stopped"]))
     rows = [r.model_dump() for r in found.verifications]
     if rows:
-        chart(charts.verdicts(rows), "verdicts", "predicted interval and simulated difference")
+        chart(
+            candidate_charts.verdicts(rows),
+            "verdicts",
+            "predicted interval and simulated difference",
+        )

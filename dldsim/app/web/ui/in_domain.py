@@ -5,26 +5,26 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
-from dldsim.app.web.ui import charts
+from dldsim.app.web.api import answers
+from dldsim.app.web.ui import domain_charts
 from dldsim.app.web.ui.parts import chart
 
 SHAPES = {"biconcave": "biconcave disc", "sphere": "sphere", "ellipsoid": "ellipsoid"}
 
 
-def learnt(info: models.ModelInfo, shape: str) -> list | None:
+def learnt(info: answers.ModelInfo, shape: str) -> list | None:
     """Arrays learnt from of a shape, as (P_r/R, P_g/R, N_p); None: the shape was not learnt."""
     shapes = info.domain["shapes"]
     return shapes[shape]["geometries"] if shape in shapes else None
 
 
-def index_range(info: models.ModelInfo, assay: str | None) -> tuple[float, float]:
+def index_range(info: answers.ModelInfo, assay: str | None) -> tuple[float, float]:
     """Calibrated range of an assay, by default the campaign's own."""
     return info.calibrated_range.get(assay or "", info.deformation_index_range)
 
 
 def show(
-    info: models.ModelInfo,
+    info: answers.ModelInfo,
     request: Mapping[str, Any],
     key: str,
     designs: Sequence[Mapping[str, Any]] = (),
@@ -36,7 +36,7 @@ def show(
             continue
         st.markdown(f"**{SHAPES[shape]}**")
         chart(
-            charts.domain(arrays, request, designs),
+            domain_charts.domain(arrays, request, designs),
             f"domain-{key}-{shape}",
             "arrays learnt from, bounds of the request and candidates",
         )
@@ -47,7 +47,7 @@ def show(
     }
     if cells:
         chart(
-            charts.index_strip(index_range(info, request.get("assay")), cells),
+            domain_charts.index_strip(index_range(info, request.get("assay")), cells),
             f"strip-{key}",
             "deformation indices of the cell types in the calibrated range",
         )

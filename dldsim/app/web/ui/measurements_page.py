@@ -5,7 +5,7 @@ from typing import Any
 import pandas as pd
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.ui import client, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number, plain
@@ -35,20 +35,20 @@ def page() -> None:
         _upload(info)
 
 
-def _remember(found: models.CampaignStatus) -> None:
+def _remember(found: answers.CampaignStatus) -> None:
     st.session_state.setdefault("campaigns_made", {})[found.id] = found.name
 
 
 # ------------------------------------------------------------------------------ measured angles
 
 
-def _measurements(info: models.ModelInfo) -> None:
+def _measurements(info: answers.ModelInfo) -> None:
     st.write(
         "Type or paste the angles of cell types in devices that were made. The surrogate is "
         "fitted anew to the campaign chosen at the side and these; each angle counts as one "
         "run. The campaign itself stays as it is."
     )
-    limits = {f.name: f for f in models.limits_of(models.Measurement)}
+    limits = {f.name: f for f in answers.limits_of(specs.Measurement)}
     empty = pd.DataFrame(
         {name: pd.Series(dtype=str if name == "note" else float) for name in COLUMNS}
     )
@@ -66,7 +66,7 @@ def _measurements(info: models.ModelInfo) -> None:
         "The error ± is kept with the data; the fit does not use it."
     )
     at_field("measure", "measurements")
-    whole = {f.name: f for f in models.limits_of(models.MeasurementsSpec)}
+    whole = {f.name: f for f in answers.limits_of(specs.MeasurementsSpec)}
     first, second, third = st.columns(3)
     with first:
         height = number(
@@ -117,7 +117,7 @@ def _measurements(info: models.ModelInfo) -> None:
     st.rerun()
 
 
-def _column(name: str, title: str, limit: models.FieldLimit):
+def _column(name: str, title: str, limit: answers.FieldLimit):
     about = plain(f"{limit.description}. Allowed: {parts.allowed(limit)}.")
     if name == "note":
         return st.column_config.TextColumn(title, help=about, max_chars=200)
@@ -141,7 +141,7 @@ def _plain_value(name: str, value: Any) -> Any:
 # ------------------------------------------------------------------------------- own campaigns
 
 
-def _upload(info: models.ModelInfo) -> None:
+def _upload(info: answers.ModelInfo) -> None:
     most = int(info.limits.get("upload_max_bytes", 0)) or None
     st.write(
         "Bring the table `outcomes` that a campaign of your own wrote, as CSV or Parquet. Its "
@@ -217,7 +217,7 @@ def _fitting(identifier: str) -> None:
     )
 
 
-def _campaign(status: models.CampaignStatus) -> None:
+def _campaign(status: answers.CampaignStatus) -> None:
     with st.container(border=True):
         if status.state != "ready":
             st.error(
@@ -271,7 +271,7 @@ def _drop(identifier: str) -> None:
     st.rerun()
 
 
-def _scores(status: models.CampaignStatus) -> None:
+def _scores(status: answers.CampaignStatus) -> None:
     """Error on arrays held out, beside that of the service's own campaign."""
     try:
         own = parts.model(None, client.address()).provenance.scores_by_geometry

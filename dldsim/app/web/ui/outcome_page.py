@@ -4,7 +4,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.ui import cells_form, client, outlets_chapter, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number
@@ -34,7 +34,7 @@ def page() -> None:
     st.title("What comes out of a device")
     info = parts.read_model()
     parts.provenance(info.provenance)
-    fields = {f.name: f for f in models.limits_of(models.OutcomeSpec)}
+    fields = {f.name: f for f in answers.limits_of(specs.OutcomeSpec)}
     spec = cells_form.show(PLACE, info, fields)
     spec |= _array(info, fields)
     if parts.campaign() is not None:
@@ -53,7 +53,7 @@ def page() -> None:
         _answer(spec, *st.session_state["outcome"])
 
 
-def _array(info: models.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]:
+def _array(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]:
     """Fields of the array and, under more, of the device and the draws."""
     spec: dict[str, Any] = {}
     with st.container(border=True):
@@ -91,7 +91,7 @@ def _array(info: models.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]:
     return spec
 
 
-def _answer(spec: dict[str, Any], asked: dict[str, Any], found: models.OutcomeAnswer) -> None:
+def _answer(spec: dict[str, Any], asked: dict[str, Any], found: answers.OutcomeAnswer) -> None:
     st.divider()
     if asked != spec:
         st.caption("The fields were changed since; compute again.")

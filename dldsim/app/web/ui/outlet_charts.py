@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from dldsim.app.web.ui.charts import CELL, CELL_DASH, GREY, TEMPLATE, Row
+from dldsim.app.web.ui.chart_style import CELL, CELL_DASH, GREY, TEMPLATE, Row
 
 BANDS = (("05", "95", 0.16), ("25", "75", 0.3))
 """Quantiles that are shaded, and how strongly."""

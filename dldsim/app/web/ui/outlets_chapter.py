@@ -8,7 +8,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers
 from dldsim.app.web.ui import outlet_charts
 from dldsim.app.web.ui.parts import chart, frame, plain
 
@@ -18,13 +18,13 @@ def device(request: str, design: Mapping[str, Any]) -> str:
     return f"{request}-candidate-{design['design']}"
 
 
-def smallest(found: models.AtOutlets | None) -> dict[str, float]:
+def smallest(found: answers.AtOutlets | None) -> dict[str, float]:
     """Per cent of the smallest purity or recovery that nine of ten draws exceed, by device."""
     rows = [] if found is None else found.device_outcomes
     return {row.device: 100 * row.purity_recovery for row in rows}
 
 
-def show(found: models.AtOutlets, name: str, key: str) -> None:
+def show(found: answers.AtOutlets, name: str, key: str) -> None:
     """The chapter of one device of those that were looked at."""
     st.subheader("At the outlets")
     results, outlets, positions, exits = (
@@ -113,7 +113,7 @@ def _shares(results: Sequence[Mapping], outlets: Sequence[Mapping], key: str) ->
 
 
 def _downloads(
-    found: models.AtOutlets, results: Sequence, outlets: Sequence, name: str, key: str
+    found: answers.AtOutlets, results: Sequence, outlets: Sequence, name: str, key: str
 ) -> None:
     whole = {"device": name, "device_outcomes": results, "device_outlets": outlets}
     whole |= {"notes": found.notes}

@@ -8,7 +8,7 @@ import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
 
-from dldsim.app.web.api import models
+from dldsim.app.web.api import answers, specs
 from dldsim.app.web.ui import client
 from dldsim.app.web.ui.client import ApiError
 
@@ -40,12 +40,12 @@ def campaign() -> str | None:
 
 
 @st.cache_data(ttl=KEPT_S, max_entries=16, show_spinner=False)
-def model(identifier: str | None, base: str) -> models.ModelInfo:
+def model(identifier: str | None, base: str) -> answers.ModelInfo:
     return client.model(identifier)
 
 
 @st.cache_data(ttl=KEPT_S, max_entries=8, show_spinner="Reading the campaign …")
-def table(kind: str, identifier: str | None, base: str) -> models.Table:
+def table(kind: str, identifier: str | None, base: str) -> answers.Table:
     return client.table(kind, identifier)
 
 
@@ -112,7 +112,7 @@ def at_field(place: str, *names: str) -> None:
 # ----------------------------------------------------------------------------------------- fields
 
 
-def allowed(field: models.FieldLimit, most: float | None = None) -> str:
+def allowed(field: answers.FieldLimit, most: float | None = None) -> str:
     """Allowed range in words."""
     low, high = field.minimum, field.maximum if most is None else most
     unit = f" {field.unit}" if field.unit else ""
@@ -124,7 +124,7 @@ def allowed(field: models.FieldLimit, most: float | None = None) -> str:
 
 
 def number(
-    field: models.FieldLimit,
+    field: answers.FieldLimit,
     label: str,
     key: str,
     default: float | None,
@@ -228,7 +228,7 @@ def frame(
     )
 
 
-def read_model() -> models.ModelInfo:
+def read_model() -> answers.ModelInfo:
     """The surrogate in use; ends the page with the reason if there is none."""
     try:
         return model(campaign(), client.address())
@@ -254,7 +254,7 @@ def settle_address() -> None:
     """Take ids from the page's address into the session, and put those of the session there."""
     for name in ("campaign", "design"):
         given = st.query_params.get(name)
-        if given and re.fullmatch(models.UUID, given):
+        if given and re.fullmatch(specs.UUID, given):
             if name == "campaign" and given != campaign():
                 use_campaign(given)
             st.session_state[name] = given
@@ -304,7 +304,7 @@ def _health() -> None:
         )
 
 
-def provenance(found: models.Provenance) -> None:
+def provenance(found: answers.Provenance) -> None:
     """Where the numbers of this page come from."""
     origin = {
         "tracked": "simulations tracked with the service",

@@ -1,0 +1,162 @@
+"""One outcome: as many runs from different places as it takes to know what a cell does that enters
+anywhere.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from dldsim.config.identifiers import run_id as release_id
+from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.errors import NoRoom
+from dldsim.experiments.array_run import RunResult, known_of, migration_of, simulate_run
+from dldsim.experiments.migration import Migration
+from dldsim.experiments.recording import Record
+from dldsim.experiments.releases import next_release, outcome_of, taken_together
+from dldsim.experiments.runner import Progress
+from dldsim.solver.flow import EmptyFlow, solve_empty_array
+from dldsim.solver.scene import CellInFlow
+
+
+@dataclass(frozen=True)
+class OutcomeResult:
+    """``row``: one row of `outcomes`; ``runs``: by place of release, in the order of use."""
+
+    row: dict
+    runs: dict[float, RunResult]
+
+    def rows(self) -> list[dict]:
+        """Rows of `runs`."""
+        return [run.row for run in self.runs.values()]
+
+    def trajectory(self) -> dict[str, np.ndarray]:
+        """Columns of `trajectory`, one release after the other."""
+        paths = [run.trajectory for run in self.runs.values()]
+        return {name: np.concatenate([path[name] for path in paths]) for name in paths[0]}
+
+
+def simulate_outcome(
+    geometry: Geometry,
+    stiffness: Stiffness,
+    cell: CellShape,
+    flow: Flow,
+    numerics: Numerics,
+    control: RunControl,
+    *,
+    outcome_id: str,
+    stiffness_set: str,
+    empty_flow: EmptyFlow | None = None,
+    finished: Mapping[float, RunResult] = MappingProxyType({}),
+    keep: Callable[[float, RunResult], None] | None = None,
+    observe: Callable[[CellInFlow, Record], None] | None = None,
+    progress: Progress = None,
+) -> OutcomeResult:
+    """Release the cell at as many of ``control.release_gap_fractions`` as it takes.
+
+    Which place comes next, and when enough is known, `releases.next_release` says, to which the
+    passes of all releases count together (`releases.taken_together`). If
+    ``control.outcome_rows_max`` rows are spent before, the outcome is undecided, with the bounds of
+    what was seen. No cell enters where it does not fit: such a place is left out, and the reason of
+    the outcome names it.
+
+    ``finished``: releases of this outcome that were simulated before, with the same settings.
+    ``keep`` is called with place and result of each release when it is done; ``observe`` as in
+    `simulate_run`. Raises DldsimError where that does, NoRoom if the cell fits at no place.
+    """
+    places, narrow = list(control.release_gap_fractions), []
+    runs = {place: finished[place] for place in places if place in finished}
+    migrations = {place: migration_of(run.row) for place, run in runs.items()}
+
+    def together() -> dict[float, Migration]:
+        return taken_together(migrations, geometry.pitch_um, geometry.periodicity, control)
+
+    while (place := next_release(together(), places, geometry.periodicity)) is not None:
+        left = control.outcome_rows_max - sum(run.row["rows_completed"] for run in runs.values())
+        if runs and left < geometry.periodicity:
+            break
+        if empty_flow is None:
+            empty_flow = solve_empty_array(geometry, flow, numerics, progress)
+        if progress:
+            progress(f"release at {place:g} of the gap")
+        try:
+            runs[place] = simulate_run(
+                geometry,
+                stiffness,
+                Cell(**cell.model_dump() | {"release_gap_fraction": place}),
+                flow,
+                numerics,
+                control.model_copy(update={"max_rows": min(control.max_rows, left)}),
+                run_id=release_id(outcome_id, place),
+                outcome_id=outcome_id,
+                stiffness_set=stiffness_set,
+                empty_flow=empty_flow,
+                others=list(migrations.values()),
+                observe=observe,
+                progress=progress,
+            )
+        except NoRoom as error:
+            places.remove(place)
+            narrow.append(place)
+            if not places:
+                raise
+            if progress:
+                progress(f"left out: {error}")
+            continue
+        migrations[place] = migration_of(runs[place].row)
+        if keep:
+            keep(place, runs[place])
+    row = known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, numerics)
+    row |= sum_up(together(), [run.row for run in runs.values()], geometry.periodicity)
+    if place is not None:
+        row["status"] = "undecided"
+        row["stop_reason"] = (
+            f"{row['rows_total']} of outcome_rows_max = {control.outcome_rows_max} rows spent "
+            f"before a release at {place:g} of the gap; {row['stop_reason']}"
+        )
+    if narrow:
+        row["stop_reason"] += "; does not fit at " + ", ".join(f"{p:g}" for p in narrow)
+    return OutcomeResult(row, runs)
+
+
+OUTCOME = (
+    "mode",
+    "migration_angle_deg",
+    "angle_low_deg",
+    "angle_high_deg",
+    "angle_spread_deg",
+    "share_bump",
+    "share_mixed",
+    "share_zigzag",
+    "share_none",
+    "coexisting",
+    "settled_row",
+    "transition_distance",
+    "releases",
+)
+"""Members of an Outcome that are columns of `outcomes` by the same name."""
+MID_GAP = 0.5
+"""Where the source releases its cells."""
+
+
+def sum_up(
+    migrations: Mapping[float, Migration], rows: Iterable[Mapping], periodicity: int
+) -> dict:
+    """Columns of `outcomes` that follow from its releases and their rows of `runs`."""
+    rows = list(rows)
+    outcome = outcome_of(migrations, periodicity)
+    source = migrations.get(MID_GAP)
+    return {
+        "status": outcome.status,
+        "stop_reason": outcome.reason,
+        **{name: getattr(outcome, name) for name in OUTCOME},
+        "source_angle_deg": source and source.first_period_angle_deg,
+        "rows_total": sum(row["rows_completed"] for row in rows),
+        "steps": sum(row["steps"] for row in rows),
+        "wall_time_s": sum(row["wall_time_s"] for row in rows),
+        "capillary_number": rows[0]["capillary_number"],
+        "spacing_um": rows[0]["spacing_um"],
+        "lag_number": max(row["lag_number"] for row in rows),
+        "left_out": rows[0]["left_out"],
+    }

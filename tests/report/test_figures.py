@@ -1,0 +1,166 @@
+"""What figures show, computed apart from drawing."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dldsim.report import angle_figures, calibration_figures, surrogate_figures, trajectory_figures
+from tests.report.made_results import SETS, make_outcome, make_run
+
+
+def test_critical_size_ratio():
+    assert angle_figures.critical_size_ratio(0.1) == pytest.approx(1.4 * 0.1**0.48)
+    assert angle_figures.critical_size_ratio([0.05, 0.2]) == pytest.approx([0.3324, 0.6466], 1e-3)
+
+
+def test_volume_equivalent_diameter():
+    volume = np.pi / 6 * angle_figures.volume_equivalent_diameter("biconcave", 3.91, 1.0) ** 3
+    assert volume == pytest.approx(94.1, abs=0.1)  # µm³, Evans & Fung 1972
+    assert angle_figures.volume_equivalent_diameter("sphere", 7.5, 0.3) == pytest.approx(15)
+    assert angle_figures.volume_equivalent_diameter("ellipsoid", 4.0, 0.125) == pytest.approx(4)
+
+
+def test_cumulated_row_shifts_of_a_full_bump_count_rows():
+    run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "lateral_steps_um": [4.5] * 6}
+    total = trajectory_figures.cumulated_row_shifts(run)
+    assert total.tolist() == pytest.approx([0, 1, 2, 3, 4, 5, 6])
+
+
+def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
+    run = {
+        "pitch_um": 36.0,
+        "row_shift_fraction": 0.125,
+        "pillar_radius_um": 9.0,
+        "gap_um": 18.0,
+        "release_gap_fraction": 0.5,
+    }
+    height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
+    assert height.tolist() == pytest.approx([0.5] * 6) and steps.tolist() == pytest.approx([1] * 6)
+    # Straight on, the pillars climb by a quarter of the gap per row.
+    height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [0.0] * 9})
+    expected = [0.5, 0.25, 0.0, -0.25, -0.5, -0.75, -1.0, 0.75, 0.5]
+    assert (height - expected) % 2 == pytest.approx(0, abs=1e-9)
+    assert ((-1 <= height) & (height <= 1)).all() and not steps.any()
+
+
+def test_row_maps_show_every_row_of_every_run():
+    row = {
+        "pitch_um": 36.0,
+        "row_shift_fraction": 0.125,
+        "pillar_radius_um": 9.0,
+        "gap_um": 18.0,
+        "periodicity": 8,
+        "stiffness_set": "1",
+        "release_gap_fraction": 0.5,
+    }
+    steps = [1.0, 2.0, 4.5]
+    runs = [
+        {**row, "run_id": "a", "lateral_steps_um": steps},
+        {**row, "run_id": "b", "lateral_steps_um": steps[:2]},
+        {**row, "run_id": "c", "gap_um": 20.0, "lateral_steps_um": steps},
+    ]
+    figure = trajectory_figures.draw_row_maps(pd.DataFrame(runs))
+    points = [[len(line.get_xdata()) for line in axes.lines[1:]] for axes in figure.axes]
+    assert points == [[3, 2], [3]]
+
+
+def test_gap_height_is_constant_when_the_cell_follows_the_rows():
+    run = {"pitch_um": 36.0, "row_shift_fraction": 0.125, "pillar_radius_um": 9.0, "gap_um": 18.0}
+    x = np.linspace(12.0, 300.0, 500)
+    track = pd.DataFrame({"x_um": x, "y_um": 9.0 + 4.5 + 4.5 * x / 36.0})
+    rows, heights = trajectory_figures.gap_heights(track, run)
+    assert rows.tolist() == list(range(1, 9))
+    assert heights == pytest.approx(np.full(8, 0.25))
+
+
+def test_pillars_stand_on_the_shifted_lattice():
+    run = {"pitch_um": 30.0, "row_shift_fraction": 0.2, "pillar_radius_um": 5.0}
+    centres = trajectory_figures.pillars_in(run, (-1.0, 61.0), (0.0, 40.0))
+    rows = np.round(centres[:, 0] / 30.0)
+    lanes = (centres[:, 1] - 6.0 * rows) / 30.0
+    assert centres[:, 0] == pytest.approx(30.0 * rows) and lanes == pytest.approx(np.round(lanes))
+    assert sorted(set(rows)) == [0, 1, 2]
+    assert [0.0, 0.0] in centres.tolist() and [30.0, 36.0] in centres.tolist()
+
+
+@pytest.mark.parametrize("status", ["converged", "undecided"])
+def test_sets_are_shown_to_part_only_if_settled_from_every_place(status):
+    runs = pd.DataFrame(
+        [
+            {
+                "run_id": f"s{name}_y{place}",
+                "outcome_id": f"s{name}",
+                "stiffness_set": name,
+                "pillar_radius_um": 5.0,
+                "gap_um": 16.0,
+                "periodicity": 10,
+                "mode": mode,
+                "migration_angle_deg": angle,
+                "bump_angle_deg": 5.71,
+                "status": status if (name, place) == ("5", 0.2) else "periodic",
+            }
+            for name, mode, angle in (("1", "bump", 5.71), ("5", "mixed", 1.0))
+            for place in (0.5, 0.2)
+        ]
+    )
+    picked = trajectory_figures.pick_trajectories(runs)
+    pairs = [ids for heading, ids in picked if "apart" in heading]
+    assert pairs == ([["s1_y0.5", "s5_y0.5"]] if status == "converged" else [])
+
+
+def test_pooled_scores():
+    predictions = pd.DataFrame(
+        {
+            "model": ["A"] * 4 + ["B"] * 2,
+            "split": "geometry",
+            "repeat": 0,
+            "observed_deg": [0.0, 2.0, 4.0, 6.0, 1.0, 3.0],
+            "predicted_deg": [1.0, 1.0, 5.0, 5.0, 1.5, 3.5],
+        }
+    )
+    scores = surrogate_figures.pooled_scores(predictions).set_index("model")
+    assert list(scores.index) == ["B", "A"]  # best by geometry first
+    assert scores.loc["A", ["rmse_deg", "mae_deg", "r2"]].tolist() == pytest.approx([1, 1, 0.8])
+    assert scores.loc["B", "rmse_deg"] == pytest.approx(0.5)
+
+
+def test_the_sources_form_is_compared_on_the_same_rows():
+    """The second model on Ca has an outcome more, which the one on DI could not see."""
+    rows = [("A", "x", 0.1), ("A", "y", 3.0), ("A on DI", "x", 0.4), ("B", "x", 1.0)]
+    predictions = pd.DataFrame(rows, columns=["model", "outcome_id", "predicted_deg"]).assign(
+        split="geometry", repeat=0, observed_deg=0.0
+    )
+    [row] = surrogate_figures.on_same_rows(predictions).to_dict("records")
+    assert (row["model"], row["n"]) == ("A", 1)
+    assert (row["rmse_deg_ca"], row["rmse_deg_index"]) == pytest.approx((0.1, 0.4))
+
+
+def test_errors_by_shape_and_source():
+    predictions = pd.DataFrame(
+        {
+            "model": "A",
+            "split": ["geometry"] * 3 + ["random"],
+            "cell_shape": ["sphere", "sphere", "biconcave", "sphere"],
+            "source": ["survey", "survey", "campaign", "survey"],
+            "observed_deg": 0.0,
+            "predicted_deg": [1.0, -1.0, 2.0, 9.0],
+        }
+    )
+    found = surrogate_figures.by_kind(predictions, "A").set_index(["cell_shape", "source"])
+    assert found["rmse_deg"].to_dict() == {("biconcave", "campaign"): 2, ("sphere", "survey"): 1}
+
+
+def test_correlation_matrix_is_symmetric():
+    pairs = pd.DataFrame(
+        {"variable_a": ["x", "x"], "variable_b": ["y", "z"], "pearson_r": [0.5, None]}
+    )
+    matrix = calibration_figures.correlation_matrix(pairs)
+    assert matrix.loc["y", "x"] == matrix.loc["x", "y"] == 0.5
+    assert matrix.loc["z", "z"] == 1 and np.isnan(matrix.loc["y", "z"])
+
+
+def test_angles_of_an_aliased_sweep_are_drawn_against_periodicity():
+    rng = np.random.default_rng(0)
+    rows = [make_run(r, r + 10, n, s, rng)[0] for r in (4.0, 8.0) for n in (4, 8) for s in SETS]
+    figure = angle_figures.draw_angles(pd.DataFrame([make_outcome([row]) for row in rows]))
+    assert [axes.get_xlabel() for axes in figure.axes] == ["periodicity $N_p$"] * 2
