@@ -4,12 +4,20 @@ import numpy as np
 
 from dldsim.analysis.domain import DOMAIN_TOLERANCE, Domain
 from dldsim.config.design_sections import DesignRequest, Device
-from dldsim.config.sections import Flow
+from dldsim.config.sections import Flow, Stiffness
 from dldsim.design.chip import Chip
 from dldsim.design.populations import flow_of, make_populations
 from dldsim.design.search import regret, search
 from dldsim.design.task import Task
-from tests.design.test_search import SOFT
+
+SOFT = Stiffness(
+    ks_uN_per_m=5.0,
+    kb_pN_um=0.1,
+    kal_uN_per_m=10.0,
+    kag_uN_per_m=500.0,
+    kv_Pa=900.0,
+    kvisc_nN_s_per_m=1.5,
+)
 
 
 class Known:

@@ -12,7 +12,7 @@ from dldsim.design import populations
 from dldsim.design.populations import doubt, flow_of, make_populations, told_apart
 from dldsim.errors import DldsimError
 from tests.analysis.made_outcomes import make_survey
-from tests.design.test_search import SOFT
+from tests.design.known_surrogate import SOFT
 
 SETS = {
     "soft": SOFT,

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from dldsim.analysis import surrogate
-from dldsim.config.sections import Stiffness
 from dldsim.design.candidates import transition_geometries
 from dldsim.design.task import violations
 from dldsim.errors import DldsimError
@@ -22,15 +21,6 @@ from tests.design.known_surrogate import (
     regret_of,
     run,
     task_of,
-)
-
-SOFT = Stiffness(
-    ks_uN_per_m=5.0,
-    kb_pN_um=0.1,
-    kal_uN_per_m=10.0,
-    kag_uN_per_m=500.0,
-    kv_Pa=900.0,
-    kvisc_nN_s_per_m=1.5,
 )
 
 
