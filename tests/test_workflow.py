@@ -1,9 +1,6 @@
 """The graph of jobs: what runs, what reruns, what goes on after a failure."""
 
-import contextlib
-import io
 import json
-import logging
 import os
 import re
 import shutil
@@ -12,23 +9,12 @@ import sys
 import venv
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from snakemake.api import SnakemakeApi
-from snakemake.cli import parse_config
 from snakemake.exceptions import WorkflowError
-from snakemake.settings.enums import Quietness, RerunTrigger
-from snakemake.settings.types import (
-    ConfigSettings,
-    DAGSettings,
-    ExecutionSettings,
-    OutputSettings,
-    ResourceSettings,
-)
 
 from dldsim.config import assays, campaign
 from dldsim.config.configuration import Config
@@ -37,12 +23,10 @@ from dldsim.config.provenance import STAMP, settings_hash, stamp
 from dldsim.errors import DldsimError
 from dldsim.evidence import critical_gaps, reference_study
 from dldsim.evidence.validation import CASES
-from dldsim.tables.parquet import METADATA_KEY, read_rows
+from dldsim.tables.parquet import METADATA_KEY
+from tests.snakemake_start import ROOT, TINY, copy_workflow, plan, planned, snakemake, touch
 
 pytestmark = pytest.mark.slow
-
-ROOT = Path(__file__).parents[1]
-PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
 AFTER_OUTCOMES = {
     "outcomes": 1,
     "anova": 1,
@@ -61,97 +45,6 @@ AFTER_OUTCOMES = {
 VERIFIED = {"verify": 1, "verifications": 1, "report": 1, "all": 1}
 AFTER_CALIBRATION = {"calibration": 1} | AFTER_OUTCOMES
 AFTER_ASSAYS = {"assays": 1} | AFTER_CALIBRATION
-
-
-def snakemake(folder, *argv, check=True):
-    """Run snakemake on a copy of the workflow; returns the finished process."""
-    done = subprocess.run(
-        [sys.executable, "-m", "snakemake", "-j2", *argv],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert not check or done.returncode == 0, done.stdout + done.stderr
-    return done
-
-
-def profile(name="default"):
-    return yaml.safe_load((ROOT / "profiles" / name / "config.yaml").read_text())
-
-
-class Plan(NamedTuple):
-    """What a start would do: rule and wildcards of each job that is needed, all jobs, the log."""
-
-    needed: list
-    jobs: list
-    said: str
-
-    @property
-    def counts(self):
-        """Number of needed jobs of each rule."""
-        return Counter(job.rule.name for job in self.needed)
-
-
-@contextlib.contextmanager
-def started(folder, *targets, config=None, files=(), triggers=None, **options):
-    """A start in this process, with the triggers of the profile; `config` as on the command line.
-
-    Gives the workflow, its graph, and the log so far.
-    """
-    said, listener = io.StringIO(), logging.getLogger("snakemake.logging")
-    handler, level = logging.StreamHandler(said), listener.level
-    triggers = RerunTrigger.parse_choices_set(triggers or profile()["rerun-triggers"])
-    with contextlib.chdir(folder), SnakemakeApi(OutputSettings(quiet={Quietness.ALL})) as api:
-        listener.addHandler(handler)
-        listener.setLevel(logging.INFO)
-        try:
-            steps = api.workflow(
-                ResourceSettings(cores=1),
-                snakefile=Path("Snakefile"),
-                config_settings=ConfigSettings(
-                    config=parse_config(config) if config else {}, configfiles=[*map(Path, files)]
-                ),
-            )
-            graph = steps.dag(
-                DAGSettings(targets=frozenset(targets), rerun_triggers=triggers, **options)
-            )
-            yield steps._workflow, graph, said
-        finally:
-            listener.removeHandler(handler)
-            listener.setLevel(level)
-
-
-def plan(folder, *targets, **options):
-    """A dry run."""
-    with started(folder, *targets, **options) as (workflow, _, said):
-        workflow._prepare_dag(
-            forceall=False, ignore_incomplete=True, lock_warn_only=True, nolock=True
-        )
-        workflow._build_dag()
-        return Plan([*workflow.dag.needrun_jobs()], [*workflow.dag.jobs], said.getvalue())
-
-
-def touch(folder, *targets, **options):
-    """Let Snakemake take what is there for just made."""
-    with started(folder, *targets, forceall=True, **options) as (_, graph, _):
-        graph.execute_workflow(executor="touch", execution_settings=ExecutionSettings(lock=False))
-
-
-def planned(folder, *targets, **options):
-    """Number of jobs of each rule that a dry run announces."""
-    return dict(plan(folder, *targets, **options).counts)
-
-
-def copy_workflow(folder):
-    for name in PARTS:
-        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-        copy(ROOT / name, folder / name)
-    return folder
-
-
-TINY = ["preset=tiny"]
 
 
 @pytest.fixture(scope="module")
@@ -772,88 +665,3 @@ def test_files_are_read_as_they_stand(tmp_path):
             plan(folder, "flows", files=["extra.yaml"])
     extra.write_text("limits: {run_hours: 1}\nnumerics: {spacing_um: 2}\n")
     assert planned(folder, "flows", files=["extra.yaml"])
-
-
-def test_tiny_campaign_end_to_end(tmp_path):
-    """Real simulations through to the report; then nothing is left to do."""
-    folder = copy_workflow(tmp_path)
-    half = [*TINY, "sweep={gap_um: null, gap_minus_radius_um: 10.0}"]
-    done = snakemake(folder, "all", "--config", *half)
-    results = folder / "results"
-    assert "Done: results/" in done.stdout + done.stderr
-    for kind, name in {
-        "outcomes": "outcomes",
-        "runs": "runs",
-        "flows": "flows",
-        "trajectory": "trajectories",
-        "calibration": "calibration",
-        "assay_runs": "assay_runs",
-        "calibration_correlations": "calibration_correlations",
-        "anova": "anova",
-        "robustness": "robustness",
-        "benchmark": "benchmark",
-        "predictions": "predictions",
-        "designs": "designs",
-        "design_trials": "design_trials",
-        "design_tolerances": "design_tolerances",
-        "design_importance": "design_importance",
-        "design_slices": "design_slices",
-        "verifications": "verifications",
-        "verified_designs": "verified_designs",
-        "learning_curve": "learning_curve",
-        "search_regret": "search_regret",
-    }.items():
-        assert read_rows(kind, results / f"{name}.parquet"), name
-        assert name == "trajectories" or (results / f"{name}.csv").exists()
-    outcomes = read_rows("outcomes", results / "outcomes.parquet")
-    statuses = Counter(outcome["status"] for outcome in outcomes)
-    assert len(outcomes) == 8 and not statuses["failed"], statuses
-    assert all(outcome["deformation_index"] is not None for outcome in outcomes)
-    runs = Counter(run["outcome_id"] for run in read_rows("runs", results / "runs.parquet"))
-    assert {o["outcome_id"]: o["releases"] for o in outcomes} == runs
-    assert not [*(results / "partial").glob("*")]
-    assert "<html" in (results / "report.html").read_text(encoding="utf-8")[:500].lower()
-    assert planned(folder, "all", config=half) == {}
-
-
-def test_tiny_survey_end_to_end(tmp_path):
-    """Two first points and one chosen from their outcomes; then nothing is left to do. A plan made
-    anew with the same points costs no simulation."""
-    folder = copy_workflow(tmp_path)
-    done = snakemake(folder, "survey", "--config", *TINY)
-    assert "point 0002, round 1: biconcave of R = 7.5 µm, Ca = " in done.stderr
-    results = folder / "results" / "survey"
-    points = read_rows("survey_plan", results / "plan.parquet")
-    outcomes = read_rows("outcomes", results / "outcomes.parquet")
-    assert [p["outcome_id"] for p in points] == [o["outcome_id"] for o in outcomes]
-    assert [p["round"] for p in points] == [0, 0, 1]
-    for point, outcome in zip(points, outcomes, strict=True):
-        assert outcome["status"] not in ("failed", "unstable"), outcome["stop_reason"]
-        same = ("height_um", "mean_velocity_mm_s", "ks_uN_per_m", "cell_shape", "gap_um")
-        assert [point[name] for name in same] == [outcome[name] for name in same]
-        assert outcome["capillary_number"] == pytest.approx(point["capillary_number"])
-        assert outcome["sigma_num_basis"] != "not joined yet"
-    assert {r["outcome_id"] for r in read_rows("runs", results / "runs.parquet")} == {
-        o["outcome_id"] for o in outcomes
-    }
-    assert len(read_rows("flows", results / "flows.parquet")) == 3
-    assert planned(folder, "survey", config=TINY) == {}
-    shutil.rmtree(results / "points")
-    snakemake(folder, "survey", "--config", *TINY)
-    assert read_rows("outcomes", results / "outcomes.parquet") == outcomes  # wall times too
-
-
-def test_after_a_failure_the_report_shows_what_there_is(tmp_path):
-    """A rule fails while an older report lies there: it gives way to one that names the reason."""
-    folder = copy_workflow(tmp_path)
-    results = folder / "results"
-    results.mkdir()
-    shutil.copy(ROOT / "dldsim" / "data" / "campaign" / "flows.parquet", results)
-    (results / "outcomes.parquet").write_bytes(b"PAR1 cut short")
-    (results / "report.html").write_text("older")
-    done = snakemake(folder, "anova", "--allowed-rules", "anova", check=False)
-    assert done.returncode != 0
-    assert "The report of what there is" in done.stdout + done.stderr
-    page = (results / "report.html").read_text(encoding="utf-8")
-    assert "<h2>Flow without a cell</h2>" in page and "outcomes.parquet is not a readable" in page
-    assert "The log anova.log ends" in page

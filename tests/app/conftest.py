@@ -24,9 +24,9 @@ def filled(kind, frame):
     return frame[[c.name for c in COLUMNS[kind]]]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def campaign(tmp_path_factory):
-    """Folder with the tables that a campaign leaves for designs."""
+    """Folder with the tables that a campaign leaves for designs; tests add CSV files at most."""
     folder = tmp_path_factory.mktemp("campaign")
     outcomes = make_outcomes()
     ks = outcomes["stiffness_set"].map(SETS)
