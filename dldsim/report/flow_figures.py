@@ -5,15 +5,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from dldsim.report.style import (
-    MODE_COLOUR,
-    MODE_MARKER,
-    MODES,
-    mode_name,
-    ordered,
-    shades_of,
-    styled,
-)
+from dldsim.report.style import MODE_COLOUR, MODE_MARKER, mode_name, ordered, shades_of, styled
+from dldsim.vocabulary import MODES
 
 
 @styled

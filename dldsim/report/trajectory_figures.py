@@ -12,7 +12,6 @@ from dldsim.laws import pillar_centres
 from dldsim.report.style import (
     GREY,
     MODE_COLOUR,
-    MODES,
     PILLAR,
     key,
     legend,
@@ -23,7 +22,7 @@ from dldsim.report.style import (
     shades_of,
     styled,
 )
-from dldsim.vocabulary import BROKEN, GEOMETRY, SETTLED
+from dldsim.vocabulary import BROKEN, GEOMETRY, MODES, SETTLED
 
 LONGEST_VIEW = 14
 """Rows that a trajectory panel shows at most, unless one period is longer."""

@@ -9,9 +9,9 @@ from dldsim.errors import DldsimError
 from dldsim.report.formats import counted, duration, listing, number, numbers, texts
 from dldsim.report.page import Page
 from dldsim.report.sections import designs
-from dldsim.report.style import MODES, mode_name
+from dldsim.report.style import mode_name
 from dldsim.report.surrogate_figures import pooled_scores
-from dldsim.vocabulary import BROKEN, GEOMETRY
+from dldsim.vocabulary import BROKEN, GEOMETRY, MODES
 
 STATUS_MEANING = {
     "decided": "known wherever the cell enters",
