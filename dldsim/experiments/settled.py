@@ -152,7 +152,7 @@ def save(cells: Mapping[float, SettledCell], path: Path) -> None:
         arrays |= {f"{name}_{number}": values.pop(name) for name in ARRAYS}
         meta.append({"place": place, **values})
     about = {"kind": KIND, "physics_version": PHYSICS_VERSION, "cells": meta}
-    with atomic_path(path) as part, part.open("wb") as stream:
+    with atomic_path(Path(path)) as part, part.open("wb") as stream:
         np.savez(stream, meta=json.dumps(about), **arrays)
 
 
