@@ -300,7 +300,7 @@ READS = {
     **dict.fromkeys(
         ("benchmark", "learning_curve", "surrogate", "verifications"), {"seed", "surrogate"}
     ),
-    **dict.fromkeys(("simulate_outcome", "spot_check_run"), OUTCOME),
+    **dict.fromkeys(("simulate_outcome", "spot_check_release", "spot_check_run"), OUTCOME),
     **dict.fromkeys(
         ("reference_pair", "critical_gap_point", "critical_gaps"), OUTCOME | {"reference"}
     ),
@@ -477,6 +477,21 @@ def test_the_reference_is_a_target_of_its_own(tmp_path):
         assert not {"reference_pair", "critical_gap_point"} & set(planned(folder, target))
 
 
+def test_a_finer_pair_goes_on_with_the_cells_of_the_coarser_one(tmp_path):
+    folder = copy_workflow(tmp_path)
+    run = read_config(ROOT / "config.yaml").reference.finest[0]
+    wanted = f"results/reference/pairs/{run}--finest.cells.npz"
+    jobs = {job.wildcards.numerics: job for job in plan(folder, wanted).jobs}
+    assert set(jobs) == {"campaign", "reference", "finest"}
+    assert not jobs["campaign"].input
+    for finer, coarser in reference_study.COARSER.items():
+        assert [*jobs[finer].input] == [jobs[coarser].output.cells]
+        assert (
+            jobs[finer].params.settings["coarser"]["numerics"]
+            == (jobs[coarser].params.settings["numerics"])
+        )
+
+
 def test_a_finished_point_is_not_made_again(tmp_path):
     """The second point of a search, and what follows, but not the first."""
     folder = copy_workflow(tmp_path)
@@ -516,7 +531,12 @@ def test_validation_is_a_target_of_its_own(tmp_path):
 
 def test_the_spot_check_follows_the_campaign(finished):
     counts = planned(finished, "spot_check", config=TINY)
-    assert counts == {"spot_check_plan": 1, "spot_check_run": 1, "spot_check": 1}
+    assert counts == {
+        "spot_check_plan": 1,
+        "spot_check_release": 1,
+        "spot_check_run": 1,
+        "spot_check": 1,
+    }
 
 
 def test_the_survey_knows_its_jobs_before_its_points(finished):

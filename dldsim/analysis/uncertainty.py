@@ -257,7 +257,7 @@ def check_row(row: Row, reference: Row, model: Mapping[str, Any] | None) -> dict
     ratio = abs(error) / sigma if error is not None and sigma else None
     return {
         **{key: row[key] for key in COPIED},
-        **{f"reference_{key}": reference[key] for key in ("mode", "status", "spacing_um")},
+        **{f"reference_{key}": reference[key] for key in REFERENCE_COPIED},
         "reference_angle_deg": reference["migration_angle_deg"],
         "reference_distance": reference["transition_distance"],
         "error_deg": error,
@@ -279,6 +279,7 @@ COPIED = (
     "transition_distance",
     "spacing_um",
 )
+REFERENCE_COPIED = ("mode", "status", "start", "spacing_um")
 
 
 def verdict(ratio: float | None, words: tuple[str, str], basis: str) -> str:

@@ -3,6 +3,11 @@
 An outcome that takes hours loses at most the release under way when it is interrupted: finished
 releases wait in a folder until it is written. A program failure ends the job; unlike in a campaign
 nothing stands in for its result.
+
+At finer numerics one run stands for all places of release that come to one motion at the coarser
+ones, and goes on from where these have left the cell (`array_outcome.simulate_outcome`): the column
+`start`. Points of a search for a critical gap are released: no coarser run was made at their gaps,
+and near the transition no place stands for another.
 """
 
 import json
@@ -23,14 +28,21 @@ from dldsim.files import atomic_path
 from dldsim.tables.parquet import read_rows, write_csv, write_table
 
 Simulator = Callable[[str, Geometry, str, Mapping[str, Any]], Row]
-"""Row of `outcomes` of an identifier, its array, its stiffness set, and settings by section."""
+"""Row of `reference_outcomes` of an identifier, array, stiffness set, and settings by section."""
 
 
-def simulator(partial: Path, progress: Progress) -> Simulator:
-    """A Simulator that keeps finished releases under ``partial`` while it is at work."""
+def simulator(
+    partial: Path, progress: Progress, *, coarser: Path | None = None, cells: Path | None = None
+) -> Simulator:
+    """A Simulator that keeps finished releases under ``partial`` while it is at work.
+
+    ``coarser``: file of settled cells that it goes on with; ``cells``: file for those that it comes
+    to.
+    """
 
     def simulate(identifier, geometry, stiffness_set, settings):
         from dldsim.experiments.array_outcome import simulate_outcome
+        from dldsim.experiments.settled import load, save
 
         control = RunControl(**settings["run_control"])
         kept = Partial(Path(partial) / identifier, identifier, settings)
@@ -45,19 +57,22 @@ def simulator(partial: Path, progress: Progress) -> Simulator:
             stiffness_set=stiffness_set,
             keep=kept.keep,
             finished=kept.finished(control.release_gap_fractions),
+            starts=load(coarser) if coarser else {},
             progress=progress,
         )
+        if cells:
+            save(result.settled, cells)
         kept.remove()
-        return {**NOT_JOINED, **result.row}
+        return {**NOT_JOINED, **result.row, "start": result.start}
 
     return simulate
 
 
 def outcome_job(identifier: str, settings: Mapping, *, row: Path, simulate: Simulator) -> None:
-    """One outcome of a pair or of the spot check, its row of `outcomes`."""
+    """One outcome of a pair or of the spot check, its row of `reference_outcomes`."""
     geometry, stiffness_set = parse_outcome(identifier)
     found = simulate(identifier, geometry, stiffness_set, settings)
-    write_table("outcomes", [found], row, provenance(settings))
+    write_table("reference_outcomes", [found], row, provenance(settings))
 
 
 def point_job(
@@ -117,14 +132,14 @@ def gather_pairs(
 
     ``rows``: pair, name of its numerics, file of its outcome.
     """
-    found = [(pair, name, read_rows("outcomes", path)[0]) for pair, name, path in rows]
+    found = [(pair, name, read_rows("reference_outcomes", path)[0]) for pair, name, path in rows]
     best = reference_study.best_rows(found)
     at_campaign = {pair: row for pair, name, row in found if name == CAMPAIGN}
     pairs = [(at_campaign[row["outcome_id"]], row) for row in best]
     fitted = uncertainty.fit_model(pairs)
     checked = uncertainty.cross_validated(pairs)
     fitted["check"] = uncertainty.coverage(checked)
-    _write("outcomes", best, outcomes, settings)
+    _write("reference_outcomes", best, outcomes, settings)
     _write("reference_check", checked, check, settings)
     with atomic_path(model) as part:
         part.write_text(json.dumps(fitted, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -136,7 +151,7 @@ def compare(rows: Sequence[Path], settings: Mapping, *, table: Path) -> str:
     who disagrees, in a sentence."""
     reference = {row["outcome_id"]: row for row in reference_study.reference_outcomes()}
     model = uncertainty.read_model()
-    found = [read_rows("outcomes", path)[0] for path in rows]
+    found = [read_rows("reference_outcomes", path)[0] for path in rows]
     checked = [
         uncertainty.check_row(row, reference[row["outcome_id"]], model)
         for row in found
@@ -159,7 +174,7 @@ def gather_spot_check(
 ) -> str:
     """`spot_check` from the campaign's outcomes and the rows of the checks; the verdict."""
     campaign = {row["outcome_id"]: row for row in read_rows("outcomes", outcomes)}
-    found = [read_rows("outcomes", path)[0] for path in checks]
+    found = [read_rows("reference_outcomes", path)[0] for path in checks]
     rows = [spot_check.check_row(campaign[row["outcome_id"]], row) for row in found]
     _write("spot_check", rows, table, settings)
     return spot_check.closing_sentence(rows)

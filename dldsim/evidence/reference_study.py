@@ -21,6 +21,8 @@ Row = Mapping[str, Any]
 
 CAMPAIGN, REFERENCE, FINEST = "campaign", "reference", "finest"
 """Numerics of a pair: the campaign's own, those of the reference, the finest."""
+COARSER = {REFERENCE: CAMPAIGN, FINEST: REFERENCE}
+"""Numerics whose settled cells a pair goes on with."""
 
 
 def pairs(config: Config) -> list[tuple[str, str]]:
@@ -44,7 +46,8 @@ def study_numerics(name: str, config: Config) -> dict[str, Any]:
 def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
     """Everything that one simulation of a pair depends on, as plain values.
 
-    At the campaign's numerics the cell is released and followed as in the campaign.
+    At the campaign's numerics the cell is released and followed as in the campaign; at the others
+    what was simulated before, whose settled cells it goes on with, is among them.
     """
     geometry, stiffness_set = parse_outcome(run)
     study, common = config.reference, common_sections(config)
@@ -55,6 +58,7 @@ def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
             "max_rows": study.rows,
             "outcome_rows_max": study.rows * len(study.releases),
         }
+        common["coarser"] = pair_settings(run, COARSER[name], config)
     return {
         "geometry": geometry.model_dump(mode="json"),
         "stiffness_set": stiffness_set,
@@ -78,7 +82,7 @@ def common_sections(config: Config) -> dict[str, Any]:
 
 DATA, MODEL = MODEL_PATH.parent, MODEL_PATH.name
 KEPT = {
-    "reference_outcomes": "outcomes",
+    "reference_outcomes": "reference_outcomes",
     "critical_gaps": "critical_gaps",
     "convergence": "convergence",
 }
@@ -117,7 +121,7 @@ def install(results: Path, data: Path = DATA) -> list[Path]:
 
 
 def reference_outcomes(data: Path = DATA) -> list[dict[str, Any]]:
-    """The reference that comes with the package: rows of `outcomes`, one per pair, the finest.
+    """The reference that comes with the package: `reference_outcomes`, one per pair, the finest.
 
     Raises DldsimError if none is there, or one of another physics version.
     """
@@ -126,7 +130,7 @@ def reference_outcomes(data: Path = DATA) -> list[dict[str, Any]]:
     path = Path(data) / "reference_outcomes.parquet"
     if not path.exists():
         raise DldsimError(f"The package holds no reference ({path}).", key=str(path), remedy=REMEDY)
-    return read_rows("outcomes", path)
+    return read_rows("reference_outcomes", path)
 
 
 def best_rows(rows: Sequence[tuple[str, str, Row]]) -> list[Row]:

@@ -1,6 +1,10 @@
 """A random twentieth of a campaign, simulated once more with half the lattice spacing, half the
 numerical Reynolds number, from other places of release and for many rows.
 
+From these places a cell is first released at the campaign's numerics. Places from which it comes to
+one motion, far from the transition on both lattices, are followed in one finer run
+(`array_outcome.simulate_outcome`); otherwise the cell is released from each on the finer lattice.
+
 At most one outcome in twenty may change by more than 2 σ_num.
 """
 
@@ -39,8 +43,19 @@ def other_releases(releases: Sequence[float]) -> list[float]:
     return [round((a + b) / 2, 3) for a, b in zip(places, places[1:], strict=False)]
 
 
+def release_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The section run_control of the releases at the campaign's numerics."""
+    control = settings["run_control"]
+    places = other_releases(control["release_gap_fractions"])
+    return {
+        "run_control": control
+        | {"outcome_rows_max": control["max_rows"] * len(places), "release_gap_fractions": places}
+    }
+
+
 def check_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The sections numerics and run_control of a check, from those of the campaign."""
+    """The sections numerics and run_control of a check, from those of the campaign, and those of
+    the releases that it goes on from."""
     numerics, control = settings["numerics"], settings["run_control"]
     places = other_releases(control["release_gap_fractions"])
     return {
@@ -53,6 +68,7 @@ def check_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
             "outcome_rows_max": ROWS * len(places),
             "release_gap_fractions": places,
         },
+        "coarser": {"numerics": numerics, **release_sections(settings)},
     }
 
 
@@ -86,6 +102,7 @@ def check_row(row: Row, check: Row) -> dict[str, Any]:
         **{key: row[key] for key in COPIED},
         "check_mode": check["mode"],
         "check_status": check["status"],
+        "check_start": check["start"],
         "check_angle_deg": check["migration_angle_deg"],
         "change_deg": change,
         "change_over_sigma": ratio,

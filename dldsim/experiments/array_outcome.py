@@ -3,7 +3,7 @@ anywhere.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -11,21 +11,36 @@ import numpy as np
 from dldsim.config.identifiers import run_id as release_id
 from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import NoRoom
-from dldsim.experiments.array_run import RunResult, known_of, migration_of, simulate_run
+from dldsim.experiments.array_run import (
+    RunResult,
+    came_from,
+    known_of,
+    migration_of,
+    simulate_run,
+    told_of,
+)
 from dldsim.experiments.migration import Migration
 from dldsim.experiments.recording import Record
-from dldsim.experiments.releases import next_release, outcome_of, taken_together
+from dldsim.experiments.releases import far, next_release, outcome_of, taken_together
 from dldsim.experiments.runner import Progress
+from dldsim.experiments.settled import RELEASE, SETTLED_CELL, SettledCell
 from dldsim.solver.flow import EmptyFlow, solve_empty_array
 from dldsim.solver.scene import CellInFlow
+from dldsim.vocabulary import SETTLED
 
 
 @dataclass(frozen=True)
 class OutcomeResult:
-    """``row``: one row of `outcomes`; ``runs``: by place of release, in the order of use."""
+    """``row``: one row of `outcomes`; ``runs``: by place of release, in the order of use.
+
+    ``start``: "release", "settled", or both. ``settled``: cells by place of release whose motion
+    has settled.
+    """
 
     row: dict
     runs: dict[float, RunResult]
+    start: str = RELEASE
+    settled: dict[float, SettledCell] = field(default_factory=dict)
 
     def rows(self) -> list[dict]:
         """Rows of `runs`."""
@@ -49,6 +64,7 @@ def simulate_outcome(
     stiffness_set: str,
     empty_flow: EmptyFlow | None = None,
     finished: Mapping[float, RunResult] = MappingProxyType({}),
+    starts: Mapping[float, SettledCell] = MappingProxyType({}),
     keep: Callable[[float, RunResult], None] | None = None,
     observe: Callable[[CellInFlow, Record], None] | None = None,
     progress: Progress = None,
@@ -61,6 +77,11 @@ def simulate_outcome(
     what was seen. No cell enters where it does not fit: such a place is left out, and the reason of
     the outcome names it.
 
+    ``starts``: settled cells of a coarser simulation by place of release. Of each motion that they
+    show, the first goes on here instead of a release; but where it rests in the bump lane it is
+    released: that shows more, the distance from the transition, and takes hardly longer. One run
+    stands for all places of its motion where that `stays`; otherwise the cell is released there.
+
     ``finished``: releases of this outcome that were simulated before, with the same settings.
     ``keep`` is called with place and result of each release when it is done; ``observe`` as in
     `simulate_run`. Raises DldsimError where that does, NoRoom if the cell fits at no place.
@@ -68,18 +89,33 @@ def simulate_outcome(
     places, narrow = list(control.release_gap_fractions), []
     runs = {place: finished[place] for place in places if place in finished}
     migrations = {place: migration_of(run.row) for place, run in runs.items()}
+    first = first_of_motion({place: starts[place] for place in places if place in starts})
+    leading = [place for place, other in first.items() if place == other]
+    gone_on = [place for place in leading if not starts[place].rests]
+    stands: dict[float, float] = {}
 
     def together() -> dict[float, Migration]:
-        return taken_together(migrations, geometry.pitch_um, geometry.periodicity, control)
+        own = taken_together(migrations, geometry.pitch_um, geometry.periodicity, control)
+        return own | {place: own[other] for place, other in stands.items()}
 
-    while (place := next_release(together(), places, geometry.periodicity)) is not None:
+    def next_place() -> float | None:
+        unseen = [place for place in leading if place in places and place not in runs]
+        return unseen[0] if unseen else next_release(together(), places, geometry.periodicity)
+
+    while (place := next_place()) is not None:
+        other = first.get(place, place)
+        if other != place and other in runs and stays(together()[other], starts[other]):
+            stands[place] = other
+            continue
         left = control.outcome_rows_max - sum(run.row["rows_completed"] for run in runs.values())
         if runs and left < geometry.periodicity:
             break
+        start = starts[place] if place in gone_on else None
         if empty_flow is None:
             empty_flow = solve_empty_array(geometry, flow, numerics, progress)
         if progress:
-            progress(f"release at {place:g} of the gap")
+            how = f" goes on with {came_from(start)}" if start else ""
+            progress(f"release at {place:g} of the gap{how}")
         try:
             runs[place] = simulate_run(
                 geometry,
@@ -93,6 +129,7 @@ def simulate_outcome(
                 stiffness_set=stiffness_set,
                 empty_flow=empty_flow,
                 others=list(migrations.values()),
+                start=start,
                 observe=observe,
                 progress=progress,
             )
@@ -108,7 +145,8 @@ def simulate_outcome(
         if keep:
             keep(place, runs[place])
     row = known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, numerics)
-    row |= sum_up(together(), [run.row for run in runs.values()], geometry.periodicity)
+    found = together()
+    row |= sum_up(found, [run.row for run in runs.values()], geometry.periodicity)
     if place is not None:
         row["status"] = "undecided"
         row["stop_reason"] = (
@@ -117,7 +155,34 @@ def simulate_outcome(
         )
     if narrow:
         row["stop_reason"] += "; does not fit at " + ", ".join(f"{p:g}" for p in narrow)
-    return OutcomeResult(row, runs)
+    for place in runs:
+        if place in gone_on:
+            row["stop_reason"] += f"; {place:g} went on with {came_from(starts[place])}"
+        if others := [f"{p:g}" for p, standing in stands.items() if standing == place]:
+            row["stop_reason"] += f"; {place:g} stands for {', '.join(others)} as there"
+    begun = {SETTLED_CELL if place in gone_on else RELEASE for place in runs}
+    settled = {
+        place: told_of(cell, one)
+        for place, one in found.items()
+        if one.status in SETTLED and (cell := runs[stands.get(place, place)].cell)
+    }
+    return OutcomeResult(row, runs, ", ".join(sorted(begun)), settled)
+
+
+def first_of_motion(starts: Mapping[float, SettledCell]) -> dict[float, float]:
+    """Of each place the first whose settled cell moves alike, in the order of use."""
+    return {
+        place: next(other for other, that in starts.items() if that.same_motion(cell))
+        for place, cell in starts.items()
+    }
+
+
+def stays(migration: Migration, start: SettledCell) -> bool:
+    """Whether a motion has settled where no scatter of the row map would change it: far from the
+    transition on this lattice and on the coarser one, and on the same side."""
+    here, there = migration.transition_distance, start.transition_distance
+    settled = migration.status in SETTLED and far(here) and far(there)
+    return settled and (here > 0) == (there > 0)
 
 
 OUTCOME = (
@@ -133,7 +198,6 @@ OUTCOME = (
     "coexisting",
     "settled_row",
     "transition_distance",
-    "releases",
 )
 """Members of an Outcome that are columns of `outcomes` by the same name."""
 MID_GAP = 0.5
@@ -151,6 +215,7 @@ def sum_up(
         "status": outcome.status,
         "stop_reason": outcome.reason,
         **{name: getattr(outcome, name) for name in OUTCOME},
+        "releases": len(rows),
         "source_angle_deg": source and source.first_period_angle_deg,
         "rows_total": sum(row["rows_completed"] for row in rows),
         "steps": sum(row["steps"] for row in rows),

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,6 +15,7 @@ from dldsim.experiments.array_scene import check_flow, left_out, make_scene
 from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.experiments.recording import Record
 from dldsim.experiments.runner import Patience, Progress, Stop, advance_until, again_if_unstable
+from dldsim.experiments.settled import AT_REST, SettledCell, row_origin, sections_of, settled_cell
 from dldsim.experiments.settling import analyse_path
 from dldsim.solver.flow import EmptyFlow, solve_empty_array
 from dldsim.solver.observe import Sample, deformation_index
@@ -38,10 +39,12 @@ STUCK_ADVANCE, STUCK_ROWS = 0.1, 3.0
 
 @dataclass(frozen=True)
 class RunResult:
-    """``row``: one row of `runs`; ``trajectory``: columns of `trajectory`."""
+    """``row``: one row of `runs`; ``trajectory``: columns of `trajectory`; ``cell``: as the run
+    left it, None where it broke off."""
 
     row: dict
     trajectory: dict
+    cell: SettledCell | None = None
 
 
 def simulate_run(
@@ -57,6 +60,7 @@ def simulate_run(
     stiffness_set: str,
     empty_flow: EmptyFlow | None = None,
     others: Sequence[Migration] = (),
+    start: SettledCell | None = None,
     observe: Callable[[CellInFlow, Record], None] | None = None,
     progress: Progress = None,
 ) -> RunResult:
@@ -64,11 +68,16 @@ def simulate_run(
 
     ``outcome_id``: the outcome that the run belongs to; by default itself. ``others``: other
     releases of it, in µm, whose passes count where they are alike (`settling.analyse_path`).
+    ``start``: the cell goes on from there, as on another lattice, not from its release; the time
+    step is that of a release. Such a run has no first period, and its place of release is where its
+    path begins. One that rests in the bump lane has no transition distance either: it has seen its
+    place of rest of the row map, and nothing else.
 
     ``observe`` is called after every sample that is recorded, with the scene as it is then, and
     with another record where the run began anew with a shorter time step.
     A cell that clogs or a run that leaves its stable range is a result with a status. Raises
-    DldsimError for a geometry that does not fit the lattice or a cell that does not fit its place.
+    DldsimError for a geometry that does not fit the lattice, a cell that does not fit its place, or
+    a start of another cell, array or flow.
     """
     attempt = partial(
         _simulate,
@@ -83,6 +92,7 @@ def simulate_run(
         stiffness_set,
         empty_flow,
         others,
+        start,
         observe,
         progress,
     )
@@ -101,13 +111,16 @@ def _simulate(
     stiffness_set,
     empty_flow,
     others,
+    settled,
     observe,
     progress,
     shorter,
 ) -> RunResult:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
     start = time.perf_counter()
-    wanted = numerics
+    wanted, sections = numerics, sections_of(geometry, stiffness, cell, flow)
+    if settled:
+        settled.check(sections)
     if flow.height_um == 0:
         raise DldsimError(
             "height_um = 0 is the two-dimensional limit of the empty flow; a cell needs a channel "
@@ -142,7 +155,7 @@ def _simulate(
     if shorter == 1:
         check_time(array.lattice.nodes, control.max_rows * row_steps, shortened)
     chunk = 2 * max(1, round(row_steps / control.records_per_row / 2))
-    path = Path(pitch=float(array.pitch))
+    path = Path(float(array.pitch), settled.enter(scene, array) if settled else None)
 
     def analyse() -> Migration:
         return analyse_path(
@@ -160,9 +173,9 @@ def _simulate(
         if not path.add(sample):
             return None
         found = analyse()
-        settled = found.status in SETTLED and path.rows >= control.min_rows
+        enough = found.status in SETTLED and path.rows >= control.min_rows
         over = path.rows >= control.max_rows
-        return Stop(found.status, found.reason) if settled or over else None
+        return Stop(found.status, found.reason) if enough or over else None
 
     def where(sample: Sample) -> tuple[str, float]:
         x = sample.centre[0]
@@ -177,7 +190,12 @@ def _simulate(
     wall = time.perf_counter() - loop
     migration = analyse()
     if stop.status in (STUCK, UNSTABLE):
-        migration = broken_off(*stop, migration.lateral_steps)
+        migration, left = broken_off(*stop, migration.lateral_steps), None
+    else:
+        if settled and migration.status == AT_REST:
+            migration = replace(migration, transition_distance=None)
+        before = np.array([path.x[-2], path.y[-2]])
+        left = told_of(settled_cell(scene, array, path.rows, before, sections), migration)
     row = {
         "run_id": run_id,
         **known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, wanted),
@@ -203,7 +221,26 @@ def _simulate(
         "capillary_number": units.capillary_number(stiffness.ks_uN_per_m),
         "left_out": left_out(array, geometry, stiffness, numerics),
     }
-    return RunResult(row, record.trajectory())
+    if settled:
+        floor = row_origin(array, 0)[1] + array.radius
+        place = (path.crossings()[0] - floor) / (array.pitch - 2 * array.radius)
+        row |= {
+            "release_gap_fraction": float(place),
+            "first_period_angle_deg": None,
+            "stop_reason": f"{stop.reason}; begun with {came_from(settled)}",
+        }
+    return RunResult(row, record.trajectory(), left)
+
+
+def told_of(cell: SettledCell, migration: Migration) -> SettledCell:
+    """A cell with what is known of its motion."""
+    known = {name: getattr(migration, name) for name in MOTION}
+    return replace(cell, **known)
+
+
+def came_from(cell: SettledCell) -> str:
+    """Where a settled cell is from, in words."""
+    return f"the settled cell of a spacing of {cell.spacing_um:.3g} µm"
 
 
 MIGRATION = (
@@ -219,6 +256,8 @@ MIGRATION = (
     "capture_chance",
 )
 """Members of a Migration that are columns of `runs` by the same name."""
+MOTION = ("status", "angle_low_deg", "angle_high_deg", "transition_distance")
+"""Those that a cell carries along."""
 
 
 def broken_off(status: str, reason: str, lateral_steps: np.ndarray) -> Migration:
@@ -305,11 +344,14 @@ def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> d
 
 
 class Path:
-    """Row crossings of a path while it grows; lattice units, first plane at x = 0."""
+    """Row crossings of a path while it grows; lattice units, first plane at x = 0.
 
-    def __init__(self, pitch: float):
+    ``before``: a place ahead of that plane, for a path that begins behind it.
+    """
+
+    def __init__(self, pitch: float, before: Sequence[float] | None = None):
         self.pitch = pitch
-        self.x, self.y = [], []
+        self.x, self.y = ([], []) if before is None else ([before[0]], [before[1]])
         self.rows = 0
 
     def add(self, sample: Sample) -> bool:

@@ -4,6 +4,7 @@ import numpy as np
 
 from dldsim.config.sections import CELL_NUMERICS, Cell, Flow, Geometry, Numerics, Stiffness
 from dldsim.errors import DldsimError, NoRoom
+from dldsim.experiments.settled import row_origin
 from dldsim.solver.flow import EmptyFlow, Fluid
 from dldsim.solver.pillars import ArrayLattice
 from dldsim.solver.scene import CellInFlow
@@ -74,9 +75,7 @@ def make_scene(
         make_drive(array.lattice, mobility, (numerics.velocity_lu, 0.0)) if driven else None,
     )
     gap = array.pitch - 2 * array.radius
-    # Midway between rows -1 and 0 the gap is displaced by half a row shift.
-    middle = array.pitch / 2 - array.row_shift / 2
-    lateral = middle + array.radius + cell.release_gap_fraction * gap
+    lateral = row_origin(array, 0)[1] + array.radius + cell.release_gap_fraction * gap
     scene.place([0.0, lateral, array.height / 2])
     free = scene.sample().clearance
     if free < RELEASE_CLEARANCE:

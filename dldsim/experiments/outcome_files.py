@@ -90,30 +90,36 @@ class Partial:
     def __init__(self, directory: Path, outcome: str, settings: Mapping):
         self.directory, self.outcome, self.about = Path(directory), outcome, provenance(settings)
 
-    def _files(self, place: float) -> tuple[Path, Path]:
+    def _files(self, place: float) -> tuple[Path, Path, Path]:
         name = identifiers.run_id(self.outcome, place)
         return (
             self.directory / f"{name}.run.parquet",
             self.directory / f"{name}.trajectory.parquet",
+            self.directory / f"{name}.cell.npz",
         )
 
     def keep(self, place: float, result) -> None:
         """Write a RunResult; its row last, which says that all of it is there."""
-        row, trajectory = self._files(place)
+        from dldsim.experiments.settled import save
+
+        row, trajectory, cell = self._files(place)
+        save({place: result.cell} if result.cell else {}, cell)
         write_table("trajectory", result.trajectory, trajectory, self.about)
         write_table("runs", [result.row], row, self.about)
 
     def finished(self, places: Iterable[float]) -> dict[float, Any]:
         """The RunResults that are there, by place."""
         from dldsim.experiments.array_run import RunResult
+        from dldsim.experiments.settled import load
 
         found = {}
         for place in places:
-            row, trajectory = self._files(place)
+            row, trajectory, cell = self._files(place)
             if all(made_with(path, self.about["config_hash"]) for path in (row, trajectory)):
                 columns = read_columns("trajectory", trajectory)
                 path = {name: columns[name].to_numpy() for name in columns.column_names}
-                found[place] = RunResult(read_rows("runs", row)[0], path)
+                left = load(cell).get(place) if cell.exists() else None
+                found[place] = RunResult(read_rows("runs", row)[0], path, left)
         return found
 
     def remove(self) -> None:

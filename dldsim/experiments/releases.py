@@ -200,10 +200,10 @@ def next_release(
     if not left:
         return None
     known = len(migrations) > 1 and outcome_of(migrations, periodicity).status == ALIKE
-    return None if known and all(map(_far, migrations.values())) else left[0]
+    clear = all(far(migration.transition_distance) for migration in migrations.values())
+    return None if known and clear else left[0]
 
 
-def _far(migration: Migration) -> bool:
-    """Whether no scatter of the row map would change the motion."""
-    distance = migration.transition_distance
+def far(distance: float | None) -> bool:
+    """Whether at this transition distance no scatter of the row map would change the motion."""
     return distance is not None and (distance >= MAP_SCATTER[0] or distance <= -MAP_SCATTER[1])

@@ -3,7 +3,7 @@
 Lengths are in any one unit. Faces list their vertices anticlockwise seen from outside.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -136,6 +136,32 @@ def revolve(sphere: np.ndarray, coefficients: Sequence[float]) -> np.ndarray:
     stretch = np.divide(r, distance, out=np.ones_like(r), where=distance > 0)
     profile = np.cos(angle) * polyval(r**2, coefficients)
     return np.stack([x * stretch, y * stretch, np.sign(z) * profile], axis=1)
+
+
+def frequency_of(vertices: np.ndarray) -> int:
+    """Frequency of the icosphere that a mesh of these vertices (V, 3) is built on."""
+    return round(((len(vertices) - 2) / 10) ** 0.5)
+
+
+def resample(vertices: np.ndarray, rest: Callable[[int], np.ndarray], frequency: int) -> np.ndarray:
+    """A deformed icosphere (V, 3) on the icosphere of another ``frequency`` (W, 3).
+
+    ``rest(n)``: vertices at rest on the icosphere of frequency n. Beyond the affine map of the rest
+    shape that fits best, displacements are smooth on the unit sphere on which both meshes are
+    built: there they are interpolated by r³ splines. What the vertices of an affine map of the rest
+    shape become is exact, and so is a mesh of the same frequency.
+    """
+    from scipy.interpolate import RBFInterpolator
+
+    n = frequency_of(vertices)
+
+    def affine(of: int) -> np.ndarray:
+        at_rest = rest(of)
+        return np.column_stack([np.ones(len(at_rest)), at_rest])
+
+    fitted = np.linalg.lstsq(affine(n), vertices)[0]
+    spline = RBFInterpolator(icosphere(n)[0], vertices - affine(n) @ fitted, kernel="cubic")
+    return affine(frequency) @ fitted + spline(icosphere(frequency)[0])
 
 
 def make_topology(faces: np.ndarray) -> Topology:

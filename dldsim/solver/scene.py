@@ -1,13 +1,13 @@
 """A cell in a fluid: mesh, moduli, contact and coupling of one scene, advanced together."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from dldsim.config.sections import Cell, Numerics, Stiffness
+from dldsim.config.sections import CellShape, Numerics, Stiffness
 from dldsim.errors import DldsimError
 from dldsim.solver.contact import Contact, clearance
 from dldsim.solver.flow import Fluid
@@ -53,6 +53,8 @@ STABLE_GAIN = 0.6
 LINGERING = 0.1
 """The same part at most for kernels that feed staggered momentum, which answers every step."""
 ITERATIONS = 50
+LARGEST_ASYMMETRY = 0.01
+"""Of a shape that half a scene takes over, nodes."""
 STRAIN = 1e-5
 """Displacement, in nodes, of the differences that stand for a stiffness."""
 
@@ -134,6 +136,12 @@ def vertex_mass(friction: float, moduli: Moduli) -> float:
     return max(2 * friction, 9 * moduli.kvisc, 3 * stiffest)
 
 
+def shape_at_rest(cell: CellShape, radius: float) -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
+    """Vertices and faces of a cell of largest ``radius`` by mesh frequency (`mesh.make_shape`)."""
+    shape = {"aspect_ratio": cell.aspect_ratio} if cell.shape == "ellipsoid" else {}
+    return partial(make_shape, cell.shape, radius, axis=cell.axis, **shape)
+
+
 class CellInFlow:
     """A cell in a fluid: owns the arrays of both and advances them together."""
 
@@ -141,7 +149,7 @@ class CellInFlow:
         self,
         fluid: Fluid,
         units: Units,
-        cell: Cell,
+        cell: CellShape,
         stiffness: Stiffness | Moduli,
         numerics: Numerics,
         surfaces: Mapping[str, Any],
@@ -153,9 +161,7 @@ class CellInFlow:
         """
         self.fluid, self.units, self.numerics = fluid, units, numerics
         spacing = units.spacing_um
-        radius = cell.radius_um / spacing
-        shape = {"aspect_ratio": cell.aspect_ratio} if cell.shape == "ellipsoid" else {}
-        make = partial(make_shape, cell.shape, radius, axis=cell.axis, **shape)
+        make = shape_at_rest(cell, cell.radius_um / spacing)
         probe = area(*make(8))
         vertices, faces = make(frequency_for_edge(probe, numerics.edge_to_spacing))
         self.membrane = make_membrane(vertices, faces)
@@ -252,12 +258,36 @@ class CellInFlow:
                     remedy="Set numerics.half_scene: false.",
                 )
             self.mirror = self.mirror._replace(height=float(centre[2]))
-            reflect(body.x, body.v, body.smooth, self.mirror)
+        self._follow()
+        self.blend = velocity_blend(self)
+
+    def deform(self, positions: np.ndarray) -> None:
+        """Move the vertices of the whole membrane, which has been placed, to ``positions`` (V, 3).
+
+        Numbers chosen for the cell at rest stay. Raises DldsimError for a shape that is not
+        symmetric about the mirror, if there is one.
+        """
+        self.body.x[:] = positions[self.half.vertex] if self.half else positions
+        if self.half:
+            apart = float(np.abs(self.positions() - positions).max())
+            if apart > LARGEST_ASYMMETRY:
+                raise DldsimError(
+                    "The shape is not symmetric about mid-height: a vertex is "
+                    f"{apart:.2g} nodes from the image of its partner.",
+                    key="numerics.half_scene",
+                    value=True,
+                    remedy="Set numerics.half_scene: false.",
+                )
+        self._follow()
+
+    def _follow(self) -> None:
+        """Give the vertices the velocity of the fluid where they are."""
+        body = self.body
+        reflect(body.x, body.v, body.smooth, self.mirror)
         locate(body.x, self.domain, self.stencil)
         interpolate(self.fluid.velocity, self.fluid.force, 0.0, self.stencil, body.v)
         reflect(body.x, body.v, body.smooth, self.mirror)
         body.smooth[:] = body.v
-        self.blend = velocity_blend(self)
 
     def advance(self, steps: int) -> None:
         """Advance by an even number of steps."""

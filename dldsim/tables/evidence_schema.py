@@ -15,8 +15,17 @@ from dldsim.tables.column import (
     table,
     text,
 )
+from dldsim.tables.simulation_schema import TABLES as SIMULATED
+
+START = "release, settled (gone on with the settled cell of coarser numerics), or both"
 
 TABLES = {
+    "reference_outcomes": table(
+        "reference/reference_outcomes.parquet",
+        "reference_outcomes",
+        *SIMULATED["outcomes"].columns,
+        text("start", f"how the runs began: {START}"),
+    ),
     "accuracy": table(
         "accuracy.parquet",
         "accuracy",
@@ -127,6 +136,7 @@ TABLES = {
         text("reference_mode", "at the reference's numerics"),
         text("status", "of the outcome at the campaign's numerics"),
         text("reference_status", "of the outcome at the reference's numerics"),
+        text("reference_start", f"how its runs began: {START}"),
         real("bump_angle_deg", "°", "angle of full bump mode, atan(1/N_p)"),
         *optional(
             real("migration_angle_deg", "°", "at the campaign's numerics"),
@@ -152,6 +162,7 @@ TABLES = {
         text("check_mode", "of the check"),
         text("status", "of the campaign's outcome"),
         text("check_status", "of the check"),
+        text("check_start", f"how its runs began: {START}"),
         *optional(
             real("migration_angle_deg", "°", "of the campaign"),
             real("check_angle_deg", "°", "of the check"),

@@ -49,6 +49,7 @@ def outcome(angle=BUMP, distance=0.3, **changes):
         **columns_of(NUMERICS),
         "spacing_um": 1.2,
         "status": "decided",
+        "start": "release",
         "mode": "bump" if bumps else "mixed" if angle else "none",
         "migration_angle_deg": angle,
         "angle_low_deg": angle,

@@ -31,7 +31,7 @@ def outcome(identifier, geometry, numerics, distance):
     angle = bump if distance > 0 else bump / 3
     blank = {
         c.name: None if c.nullable else {"string": "", "int64": 2, "double": 1.0}[str(c.type)]
-        for c in COLUMNS["outcomes"]
+        for c in COLUMNS["reference_outcomes"]
         if c.name not in COLUMN_OF.values()
     }
     return blank | {
@@ -43,6 +43,7 @@ def outcome(identifier, geometry, numerics, distance):
         "height_um": 20.0,
         "mean_velocity_mm_s": 0.5,
         "status": "decided",
+        "start": "release",
         "mode": "bump" if distance > 0 else "mixed",
         "migration_angle_deg": angle,
         "angle_low_deg": angle - 0.01,
@@ -139,7 +140,7 @@ def test_the_model_and_its_check_come_of_the_pairs(results, config):
     assert set(model["pairs"]) == set(config.reference.pairs)
     assert sum(side["pairs"] for side in model["distance"].values()) == len(config.reference.pairs)
     assert model["check"]["pairs"] == len(config.reference.pairs)
-    best = read_rows("outcomes", results / "reference" / "reference_outcomes.parquet")
+    best = read_rows("reference_outcomes", results / "reference" / "reference_outcomes.parquet")
     finest = {r["outcome_id"] for r in best if r["wanted_spacing_um"] == 0.42}
     assert finest == set(config.reference.finest)
 
@@ -151,7 +152,9 @@ def test_what_is_installed_comes_back(results, tmp_path):
         f.read_bytes() == (results / "reference" / f.name).read_bytes() for f in files
     )
     rows = reference_study.reference_outcomes(data)
-    assert rows == read_rows("outcomes", results / "reference" / "reference_outcomes.parquet")
+    assert rows == read_rows(
+        "reference_outcomes", results / "reference" / "reference_outcomes.parquet"
+    )
 
 
 def test_a_reference_of_other_physics_is_refused(results, tmp_path, monkeypatch):
@@ -200,13 +203,15 @@ def test_the_spot_check_compares_with_the_campaign(tmp_path):
         | {"sigma_num_deg": 0.1, "sigma_num_basis": "modelled"}
         for n in names
     ]
-    write_table("outcomes", rows, tmp_path / "outcomes.parquet", {})
+    names_of = {c.name for c in COLUMNS["outcomes"]}
+    campaign = [{k: v for k, v in row.items() if k in names_of} for row in rows]
+    write_table("outcomes", campaign, tmp_path / "outcomes.parquet", {})
     checks = [tmp_path / f"{n}.parquet" for n in names[:2]]
     for row, path, distance in zip(rows, checks, (0.3, -0.3), strict=False):
         name = row["outcome_id"]
         finer = numerics | {"spacing_um": 0.6}
         again = outcome(name, parse_outcome(name).geometry, finer, distance)
-        write_table("outcomes", [again], path, {})
+        write_table("reference_outcomes", [again], path, {})
     sentence = reference_jobs.gather_spot_check(
         tmp_path / "outcomes.parquet", checks, SETTINGS, table=tmp_path / "spot_check.parquet"
     )

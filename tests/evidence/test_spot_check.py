@@ -50,6 +50,12 @@ def test_the_check_is_finer_and_longer():
     rows = [control[key] for key in ("min_rows", "max_rows", "outcome_rows_max")]
     assert rows == [200, 200, 400] and control["orbit_tolerance"] == 0.03
     assert control["records_per_row"] == 20
+    begun = spot_check.release_sections(settings)
+    assert found["coarser"] == {"numerics": settings["numerics"], **begun}
+    assert begun["run_control"] == settings["run_control"] | {
+        "release_gap_fractions": [0.35, 0.65],
+        "outcome_rows_max": 100,
+    }
 
 
 def row(angle=5.0, sigma=0.2, **changes):
@@ -61,6 +67,7 @@ def row(angle=5.0, sigma=0.2, **changes):
         "stiffness_set": "1",
         "mode": "bump",
         "status": "decided",
+        "start": "settled",
         "migration_angle_deg": angle,
         "sigma_num_deg": sigma,
         "sigma_num_basis": "modelled: far",

@@ -63,6 +63,7 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
             "reference_mode": "bump",
             "status": "decided",
             "reference_status": "decided",
+            "reference_start": "settled",
             "bump_angle_deg": 7.1,
             "migration_angle_deg": angle,
             "reference_angle_deg": 7.1,
@@ -87,6 +88,7 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
             "check_mode": "mixed",
             "status": "decided",
             "check_status": "decided",
+            "check_start": "settled, release",
             "change_over_sigma": 3.0,
             "verdict": "changes",
         }

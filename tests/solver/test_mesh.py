@@ -158,3 +158,48 @@ def test_impossible_shapes_are_refused(arguments):
 def test_frequency_for_edge_refuses_sizes_that_are_not_positive():
     with pytest.raises(DldsimError):
         mesh.frequency_for_edge(10.0, 0.0)
+
+
+# -------------------------------------------------------------------------------- another mesh
+
+
+def rolled(n, angle):
+    """A red cell whose membrane has moved along its contour by an angle, about y."""
+    sphere, _ = mesh.icosphere(n)
+    turn = np.array(
+        [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    )
+    return mesh.revolve(sphere @ turn.T, [0.5 * c for c in mesh.EVANS_FUNG])
+
+
+def at_rest(n):
+    return mesh.make_shape("biconcave", 1.0, n)[0]
+
+
+@given(st.lists(st.floats(-2, 2), min_size=12, max_size=12))
+@settings(max_examples=10)
+def test_affine_maps_of_the_shape_at_rest_are_resampled_exactly(numbers):
+    shift, matrix = np.array(numbers[:3]), np.reshape(numbers[3:], (3, 3))
+    found = mesh.resample(at_rest(5) @ matrix + shift, at_rest, 8)
+    np.testing.assert_allclose(found, at_rest(8) @ matrix + shift, atol=1e-9)
+
+
+def test_a_mesh_of_the_same_frequency_is_the_same():
+    shape = rolled(6, 0.8)
+    np.testing.assert_allclose(mesh.resample(shape, at_rest, 6), shape, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.3, np.pi / 2])
+def test_a_membrane_that_has_moved_along_the_contour_is_resampled_smoothly(angle):
+    errors = [
+        np.abs(mesh.resample(rolled(n, angle), at_rest, 13) - rolled(13, angle)).max()
+        for n in (5, 7, 10)
+    ]
+    assert errors[0] < 0.05 and errors[2] < errors[0] / 4
+    _, faces = mesh.icosphere(13)
+    resampled = mesh.resample(rolled(7, angle), at_rest, 13)
+    assert mesh.volume(resampled, faces) == pytest.approx(
+        mesh.volume(rolled(13, angle), faces), rel=3e-3
+    )
+    found, wanted = (edge_lengths(v, faces) for v in (resampled, rolled(13, angle)))
+    assert np.abs(found / wanted - 1).max() < 0.1

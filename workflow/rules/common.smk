@@ -180,6 +180,13 @@ def pair_row(outcome, numerics):
     return f"{RESULTS}/reference/pairs/{outcome}--{numerics}.outcome.parquet"
 
 
+def coarser_cells(wildcards):
+    """The settled cells that a pair goes on with at finer numerics."""
+    coarser = reference_study.COARSER.get(wildcards.numerics)
+    path = f"{RESULTS}/reference/pairs/{wildcards.outcome}--{coarser}.cells.npz"
+    return {"coarser": path} if coarser else {}
+
+
 def search_point(search, number):
     return f"{RESULTS}/reference/searches/{search}--{number}.parquet"
 
@@ -210,6 +217,11 @@ def reference_check_settings(wildcards):
         "reference": hashlib.sha256(path.read_bytes()).hexdigest()[:16],
         "sigma_num_model": uncertainty.model_hash(),
     }
+
+
+def spot_check_release_settings(wildcards):
+    settings = outcome_settings(wildcards)
+    return {**settings, **spot_check.release_sections(settings)}
 
 
 def spot_check_settings(wildcards):

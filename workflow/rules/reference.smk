@@ -3,11 +3,14 @@
 
 
 rule reference_pair:
+    input:
+        unpack(coarser_cells),
     output:
         row=ensure(
             f"{RESULTS}/reference/pairs/{{outcome}}--{{numerics}}.outcome.parquet",
             non_empty=True,
         ),
+        cells=f"{RESULTS}/reference/pairs/{{outcome}}--{{numerics}}.cells.npz",
     params:
         settings=reference_settings,
         partial=f"{RESULTS}/reference/partial/{{numerics}}",
@@ -138,14 +141,35 @@ rule spot_check_plan:
         "../scripts/spot_check_plan.py"
 
 
-rule spot_check_run:
+rule spot_check_release:
     input:
         rules.spot_check_plan.output,
+    output:
+        row=ensure(f"{RESULTS}/spot_check/{{outcome}}.release.parquet", non_empty=True),
+        cells=f"{RESULTS}/spot_check/{{outcome}}.cells.npz",
+    params:
+        settings=spot_check_release_settings,
+        partial=f"{RESULTS}/spot_check/partial/release",
+    log:
+        f"{RESULTS}/logs/spot_check_release/{{outcome}}.log",
+    benchmark:
+        f"{RESULTS}/benchmarks/spot_check_release/{{outcome}}.tsv"
+    conda:
+        "../envs/dldsim.yaml"
+    message:
+        "other releases of {wildcards.outcome}"
+    script:
+        "../scripts/study_outcome.py"
+
+
+rule spot_check_run:
+    input:
+        coarser=rules.spot_check_release.output.cells,
     output:
         row=ensure(f"{RESULTS}/spot_check/{{outcome}}.outcome.parquet", non_empty=True),
     params:
         settings=spot_check_settings,
-        partial=f"{RESULTS}/spot_check/partial",
+        partial=f"{RESULTS}/spot_check/partial/run",
     log:
         f"{RESULTS}/logs/spot_check_run/{{outcome}}.log",
     benchmark:

@@ -60,6 +60,7 @@ def _reference_check(page: Page) -> dict:
             {
                 "pair": texts(check["outcome_id"]),
                 "mode": _changed(check, "reference_mode", "reference"),
+                "reference begun by": texts(check["reference_start"]),
                 ANGLE_HEADING: decimals(check["migration_angle_deg"]),
                 "reference [°]": decimals(check["reference_angle_deg"]),
                 "difference [°]": decimals(check["error_deg"]),
@@ -91,6 +92,7 @@ def _spot_check(page: Page) -> dict:
             {
                 "outcome": texts(check["outcome_id"]),
                 "mode": _changed(check, "check_mode", "check"),
+                "check begun by": texts(check["check_start"]),
                 ANGLE_HEADING: decimals(check["migration_angle_deg"]),
                 "check [°]": decimals(check["check_angle_deg"]),
                 SIGMA_HEADING: decimals(check["sigma_num_deg"]),
