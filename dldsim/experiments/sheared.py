@@ -11,7 +11,12 @@ import numpy as np
 from dldsim.config.assay_sections import ShearAssay
 from dldsim.config.sections import Cell, Flow, Numerics, Stiffness
 from dldsim.experiments.outcome_files import Measured
-from dldsim.experiments.passage import carry_until_steady, elongation_index, refined_step
+from dldsim.experiments.passage import (
+    carry_until_steady,
+    elongation_index,
+    radius_steps,
+    refined_step,
+)
 from dldsim.experiments.runner import Progress, again_if_unstable
 from dldsim.experiments.shear import start_shear
 from dldsim.solver.flow import Fluid
@@ -46,7 +51,7 @@ def simulate_shear(
 def _simulate(stiffness, assay, cell, flow, numerics, run_id, progress, shorter) -> Measured:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
     scene = sheared_scene(stiffness, assay, cell, flow, numerics, shorter, progress)
-    steps = strain_steps(scene)
+    steps = radius_steps(scene)
     return carry_until_steady(
         scene,
         stiffness,
@@ -71,7 +76,8 @@ def sheared_scene(
     progress: Progress = None,
 ) -> CellInFlow:
     """A cell at rest midway between the plates, in steady shear; the velocity of its units is that
-    over a radius. ``shorter``: time step asked of it over that which is used.
+    over a radius, so that `passage.radius_steps` are a strain of 1. ``shorter``: time step asked of
+    it over that which is used.
 
     Raises DldsimError for a run that takes too long.
     """
@@ -100,8 +106,3 @@ def sheared_scene(
     scene = make_scene(refined_step(make_scene, place, numerics, shorter, travel, progress))
     scene.place(place)
     return scene
-
-
-def strain_steps(scene: CellInFlow) -> float:
-    """Time steps of a sheared scene in which the strain grows by 1."""
-    return scene.radius_um / scene.units.spacing_um / scene.units.velocity_lu

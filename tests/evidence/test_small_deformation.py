@@ -5,16 +5,17 @@ import pytest
 
 from dldsim.config.sections import Stiffness
 from dldsim.evidence import small_deformation as theory
-from dldsim.experiments.outline import circularity
+from dldsim.solver import membrane as mb
 from dldsim.solver.membrane import shear_modulus
+from dldsim.solver.mesh import icosphere
 
 TINY = 1e-4
 """Stress times radius over G at which the second order has no say."""
 
 
-def membrane(ks=10.0, kal=0.0, kag=0.0):
+def membrane(ks=10.0, kb=0.0, kal=0.0, kag=0.0):
     return Stiffness(
-        ks_uN_per_m=ks, kb_pN_um=0, kal_uN_per_m=kal, kag_uN_per_m=kag, kv_Pa=0, kvisc_nN_s_per_m=0
+        ks_uN_per_m=ks, kb_pN_um=kb, kal_uN_per_m=kal, kag_uN_per_m=kag, kv_Pa=0, kvisc_nN_s_per_m=0
     )
 
 
@@ -35,7 +36,7 @@ def test_inclination_at_first_order():
 
 
 def test_coefficient_of_a_paraboloid():
-    w = theory.sphere_in_paraboloid(membrane(), TINY * shear_modulus(10))
+    w = theory.sphere_in_paraboloid(membrane(), TINY * shear_modulus(10), 1.0)
     assert w / TINY == pytest.approx(7 / 8 * 2.5, rel=1e-6)
 
 
@@ -63,9 +64,36 @@ def test_global_area_term_counts_at_large_deformation_only():
     )
 
 
-def test_roundness_of_a_bullet():
-    w = 0.02
-    angle = np.arange(360) * 2 * np.pi / 360
-    radii = 1 + w * (3 * np.cos(angle) + 5 * np.cos(3 * angle)) / 8
-    round_ = 1 - circularity(np.ones(360))
-    assert 1 - circularity(radii) - round_ == pytest.approx(theory.bullet_roundness(w), rel=0.02)
+def test_hinges_and_springs_by_the_energy_of_a_mesh():
+    """Second differences of the energies of an icosphere along (w, v) of P₂ and P₃."""
+    x, faces = icosphere(16)
+    sphere = mb.make_membrane(x, faces)
+    only = {"ks": membrane().model_copy(update={"kb_pN_um": 0.0}), "kb": membrane(ks=0.0, kb=1.0)}
+    for degree, tolerance in ((2, 0.05), (3, 0.05)):
+        order = degree * (degree + 1)
+        for term, stiffness in only.items():
+            matrix = theory.elasticity(degree, theory.moduli(stiffness, 1.0), 0.0)
+            coefficients = {
+                "ks": stiffness.ks_uN_per_m if term == "ks" else 0.0,
+                "kb": stiffness.kb_pN_um if term == "kb" else 0.0,
+            }
+            given = mb.Moduli(**coefficients, kal=0.0, kag=0.0, kv=0.0, kvisc=0.0)
+            for w, v in ((1.0, 0.0), (0.0, 1.0), (1.0, 0.4)):
+                shape = np.array([w, v])
+                expected = shape @ (matrix * [[1], [order]]) @ shape / 2 * sphere.rest_area
+                energy = sum(mb.energies(x + STEP * harmonic(x, degree, w, v), sphere, given))
+                mean_square = 1 / (2 * degree + 1)
+                assert energy / STEP**2 == pytest.approx(expected * mean_square, rel=tolerance)
+
+
+STEP = 1e-4
+
+
+def harmonic(x, degree, w, v):
+    """Displacement w P_l n + v ∇P_l of the unit sphere (V, 3), about x."""
+    along = x[:, :1]
+    value, slope = {
+        2: ((3 * along**2 - 1) / 2, 3 * along),
+        3: ((5 * along**3 - 3 * along) / 2, (15 * along**2 - 3) / 2),
+    }[degree]
+    return w * value * x + v * slope * (np.array([1.0, 0, 0]) - along * x)
