@@ -167,12 +167,6 @@ CASES = {
         "validation_red_cell.red_cell_in_shear",
         "ektacytometer; Fischer & Korzeniewski 2015, Biophys. J. 108:1352",
     ),
-    "red-cell-in-tube": Case(
-        "Red cell in a narrow tube",
-        "assays",
-        "validation_red_cell.red_cell_in_tube",
-        "Tomaiuolo et al. 2009, Soft Matter 5:3736",
-    ),
     "constriction-shape": Case(
         "Cell in a constriction, channel inferred",
         "cell",

@@ -1,4 +1,4 @@
-"""Red cells in flow: what the runs are set beside, and the tube they are carried through."""
+"""A red cell in shear: what the runs are set beside."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ import pytest
 from dldsim.evidence import validation_red_cell as cases
 from dldsim.evidence.reference import read_reference
 from dldsim.evidence.validation_assays import Sheared
-from dldsim.solver.flow import Fluid, advance_to_steady
 
 
 def test_angles_are_those_of_the_donors():
@@ -45,30 +44,6 @@ def test_red_cells_in_shear_are_marked_on_the_plateau_only(monkeypatch):
     assert all(row.value == pytest.approx(12.0) and row.mark < 0.4 for row in angles)
 
 
-def test_lengths_in_the_tube_are_taken_at_the_velocity_of_the_cell(monkeypatch):
-    first = read_reference(cases.LENGTHS)[0]
-    seen = cases.Carried(7.4, first["cell_velocity_mm_s"], 0.0, 1.0, 2)
-    monkeypatch.setattr(cases, "in_tube", lambda *given: seen)
-    row = next(cases.red_cell_in_tube())
-    assert row.reference == pytest.approx(first["length_um"])
-    assert row.mark == pytest.approx(first["length_hi_um"] / first["length_um"] - 1)
-
-
-def test_flow_in_the_tube_is_poiseuilles():
-    """Mean velocity G R²/(8 ν) of the round section."""
-    diameter = 12.4
-    lattice, _ = cases.make_tube(diameter, 2, np.float64)
-    fluid = Fluid(lattice, 1.25, "trt", False, np.dtype("float64"))
-    force = 1e-5
-    fluid.set_body_force((0.0, 0.0, force))
-    advance_to_steady(fluid, diameter / 2)
-    flux = fluid.velocity_field()[2].sum() / lattice.nz
-    radius = diameter / 2
-    assert flux == pytest.approx(np.pi * force * radius**4 / (8 * 0.25), rel=0.01)
-
-
 def test_membrane_has_the_moduli_of_the_literature():
-    given = cases.red_cell(kag_uN_per_m=7.0)
-    assert given.ks_uN_per_m == pytest.approx(5.3 * 4 / 3**0.5)
-    assert given.kb_pN_um == pytest.approx(0.2 * 2 / 3**0.5)
-    assert given.kag_uN_per_m == 7.0
+    assert cases.RED_CELL.ks_uN_per_m == pytest.approx(5.3 * 4 / 3**0.5)
+    assert cases.RED_CELL.kb_pN_um == pytest.approx(0.2 * 2 / 3**0.5)
