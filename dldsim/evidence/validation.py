@@ -164,7 +164,7 @@ CASES = {
     "red-cell-in-shear": Case(
         "Red cell in shear",
         "assays",
-        "validation_assays_red_cell.red_cell_in_shear",
+        "validation_red_cell.red_cell_in_shear",
         "ektacytometer; Fischer & Korzeniewski 2015, Biophys. J. 108:1352",
     ),
     "constriction-shape": Case(

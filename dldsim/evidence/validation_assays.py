@@ -11,6 +11,7 @@ from dldsim.errors import DldsimError
 from dldsim.evidence.reference import read_reference
 from dldsim.evidence.small_deformation import moduli, sphere_in_paraboloid, sphere_in_shear
 from dldsim.evidence.validation import Comparison
+from dldsim.evidence.validation_capsule import thickness_mark
 from dldsim.experiments.channel import SAMPLES_PER_RADIUS, TRAVEL, channel_scene, simulate_channel
 from dldsim.experiments.passage import elongation_index, radius_steps, sight
 from dldsim.experiments.runner import Stop, advance_until
@@ -120,12 +121,6 @@ NETWORK = Stiffness(
 """κ is 0.005 G a². With a hundredth of that the rear, which is compressed, buckled in time: w grew
 from 0.021 to 0.031 where the theory has 0.020."""
 GLOBAL_AREA = 500.0
-
-
-def thickness_mark(nodes: float) -> float:
-    """Relative error of a deformation that a membrane half a node thicker makes: the mark of
-    `capsule-in-shear` at one resolution."""
-    return 0.5 / nodes
 
 
 def third_harmonic(x: np.ndarray, membrane: Membrane) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dldsim.evidence import validation_assays_red_cell as cases
+from dldsim.evidence import validation_red_cell as cases
 from dldsim.evidence.reference import read_reference
 from dldsim.evidence.validation_assays import Sheared
 
