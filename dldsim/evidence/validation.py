@@ -148,6 +148,25 @@ CASES = {
         "validation_assays.sphere_in_channel",
         "Faxén 1922, Ann. Phys. 373:89; flow: exact Fourier series",
     ),
+    "bullet-in-channel": Case(
+        "Soft sphere on the axis of a square channel",
+        "assays",
+        "validation_assays.bullet_in_channel",
+        "first-order theory, derived in evidence/small_deformation.py; flow: exact Fourier series",
+    ),
+    "spheres-in-shear": Case(
+        "Spheres in shear at small stress",
+        "assays",
+        "validation_assays.spheres_in_shear",
+        "Barthès-Biesel & Rallison 1981, J. Fluid Mech. 113:251, for this membrane: "
+        "evidence/small_deformation.py",
+    ),
+    "red-cell-in-shear": Case(
+        "Red cell in shear",
+        "assays",
+        "validation_red_cell.red_cell_in_shear",
+        "ektacytometer; Fischer & Korzeniewski 2015, Biophys. J. 108:1352",
+    ),
     "constriction-shape": Case(
         "Cell in a constriction, channel inferred",
         "cell",

@@ -13,10 +13,11 @@ from dldsim.config.feasibility import check_fits
 from dldsim.config.sections import Cell, Flow, Numerics, Stiffness
 from dldsim.experiments.constriction import Channel, scene_in, steady_start
 from dldsim.experiments.outcome_files import Measured
-from dldsim.experiments.passage import box_index, carry_until_steady, refined_step
+from dldsim.experiments.passage import box_index, carry_until_steady, radius_steps, refined_step
 from dldsim.experiments.runner import Progress, again_if_unstable
 from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import make_lattice
+from dldsim.solver.scene import CellInFlow
 
 TRAVEL = 4.0
 """Travel of the mean flow, in radii of the cell, over which a steady shape must not change."""
@@ -68,33 +69,51 @@ def simulate_channel(
 
 def _simulate(stiffness, assay, cell, flow, numerics, offset_um, run_id, progress, shorter):
     """One attempt; ``shorter``: time step asked of it over that which is used."""
-    channel = make_channel(assay, numerics)
-    spacing = channel.spacing_um
-    flow = flow.model_copy(update={"mean_velocity_mm_s": assay.mean_velocity_mm_s})
-    fluid = Fluid.of(channel.lattice, numerics)
-    place = channel.length / 2, channel.centre + offset_um / spacing, channel.height / 2
-    travel = assay.travel_max_um / spacing
-    numerics = refined_step(
-        lambda given: scene_in(channel, fluid, flow, cell, stiffness, given),
-        place,
-        numerics,
-        shorter,
-        travel,
-        progress,
-    )
-    mobility = steady_start(fluid, channel, numerics.velocity_lu, progress)
-    scene = scene_in(channel, fluid, flow, cell, stiffness, numerics, mobility)
-    scene.place(place)
-    radius_steps = cell.radius_um / spacing / numerics.velocity_lu
+    scene = channel_scene(stiffness, assay, cell, flow, numerics, offset_um, shorter, progress)
+    steps = radius_steps(scene)
     return carry_until_steady(
         scene,
         stiffness,
         run_id,
         box_index,
-        chunk=2 * max(1, round(radius_steps / SAMPLES_PER_RADIUS / 2)),
+        chunk=2 * max(1, round(steps / SAMPLES_PER_RADIUS / 2)),
         window=round(TRAVEL * SAMPLES_PER_RADIUS),
-        limit=travel / numerics.velocity_lu,
+        limit=assay.travel_max_um / cell.radius_um * steps,
         tolerance=assay.steady_change,
         swings=False,
         progress=progress,
     )
+
+
+def channel_scene(
+    stiffness: Stiffness,
+    assay: ChannelAssay,
+    cell: Cell,
+    flow: Flow,
+    numerics: Numerics,
+    offset_um: float = 0.0,
+    shorter: float = 1.0,
+    progress: Progress = None,
+) -> CellInFlow:
+    """A cell at rest in the steady flow of the channel, at mid-height. ``shorter``: time step asked
+    of it over that which is used.
+
+    Raises DldsimError for a run that takes too long.
+    """
+    channel = make_channel(assay, numerics)
+    spacing = channel.spacing_um
+    flow = flow.model_copy(update={"mean_velocity_mm_s": assay.mean_velocity_mm_s})
+    fluid = Fluid.of(channel.lattice, numerics)
+    place = channel.length / 2, channel.centre + offset_um / spacing, channel.height / 2
+    numerics = refined_step(
+        lambda given: scene_in(channel, fluid, flow, cell, stiffness, given),
+        place,
+        numerics,
+        shorter,
+        assay.travel_max_um / spacing,
+        progress,
+    )
+    mobility = steady_start(fluid, channel, numerics.velocity_lu, progress)
+    scene = scene_in(channel, fluid, flow, cell, stiffness, numerics, mobility)
+    scene.place(place)
+    return scene

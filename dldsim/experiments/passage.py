@@ -74,6 +74,11 @@ def refined_step(
     return numerics
 
 
+def radius_steps(scene: CellInFlow) -> float:
+    """Time steps in which the velocity of the scene's units carries over a radius of the cell."""
+    return scene.radius_um / scene.units.spacing_um / scene.units.velocity_lu
+
+
 def carry_until_steady(
     scene: CellInFlow,
     stiffness: Stiffness,

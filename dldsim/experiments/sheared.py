@@ -11,7 +11,12 @@ import numpy as np
 from dldsim.config.assay_sections import ShearAssay
 from dldsim.config.sections import Cell, Flow, Numerics, Stiffness
 from dldsim.experiments.outcome_files import Measured
-from dldsim.experiments.passage import carry_until_steady, elongation_index, refined_step
+from dldsim.experiments.passage import (
+    carry_until_steady,
+    elongation_index,
+    radius_steps,
+    refined_step,
+)
 from dldsim.experiments.runner import Progress, again_if_unstable
 from dldsim.experiments.shear import start_shear
 from dldsim.solver.flow import Fluid
@@ -45,6 +50,37 @@ def simulate_shear(
 
 def _simulate(stiffness, assay, cell, flow, numerics, run_id, progress, shorter) -> Measured:
     """One attempt; ``shorter``: time step asked of it over that which is used."""
+    scene = sheared_scene(stiffness, assay, cell, flow, numerics, shorter, progress)
+    steps = radius_steps(scene)
+    return carry_until_steady(
+        scene,
+        stiffness,
+        run_id,
+        elongation_index,
+        chunk=2 * max(1, round(steps / SAMPLES_PER_STRAIN / 2)),
+        window=round(assay.strain_window * SAMPLES_PER_STRAIN),
+        limit=assay.strain_max * steps,
+        tolerance=assay.steady_change,
+        swings=True,
+        progress=progress,
+    )
+
+
+def sheared_scene(
+    stiffness: Stiffness,
+    assay: ShearAssay,
+    cell: Cell,
+    flow: Flow,
+    numerics: Numerics,
+    shorter: float = 1.0,
+    progress: Progress = None,
+) -> CellInFlow:
+    """A cell at rest midway between the plates, in steady shear; the velocity of its units is that
+    over a radius, so that `passage.radius_steps` are a strain of 1. ``shorter``: time step asked of
+    it over that which is used.
+
+    Raises DldsimError for a run that takes too long.
+    """
     radius = assay.nodes_per_radius
     rate_per_ms = assay.stress_Pa / flow.viscosity_mPa_s
     flow = flow.model_copy(update={"mean_velocity_mm_s": rate_per_ms * cell.radius_um})
@@ -67,19 +103,6 @@ def _simulate(stiffness, assay, cell, flow, numerics, run_id, progress, shorter)
 
     place = nx / 2, ny / 2, nz / 2
     travel = assay.strain_max * radius
-    numerics = refined_step(make_scene, place, numerics, shorter, travel, progress)
-    scene = make_scene(numerics)
+    scene = make_scene(refined_step(make_scene, place, numerics, shorter, travel, progress))
     scene.place(place)
-    strain_steps = radius / numerics.velocity_lu
-    return carry_until_steady(
-        scene,
-        stiffness,
-        run_id,
-        elongation_index,
-        chunk=2 * max(1, round(strain_steps / SAMPLES_PER_STRAIN / 2)),
-        window=round(assay.strain_window * SAMPLES_PER_STRAIN),
-        limit=assay.strain_max * strain_steps,
-        tolerance=assay.steady_change,
-        swings=True,
-        progress=progress,
-    )
+    return scene

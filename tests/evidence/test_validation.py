@@ -61,7 +61,7 @@ def test_every_case_has_a_function_that_argues_its_mark(name):
         and case.group in ("fluid", "membrane", "cell", "assays", "scenes")
     )
     module, function = case.function.split(".")
-    assert module == f"validation_{case.group}" and function.replace("_", "-") == name
+    assert module.startswith("validation_") and function.replace("_", "-") == name
     made = getattr(importlib.import_module(f"dldsim.evidence.{module}"), function)
     assert inspect.isgeneratorfunction(made) and re.search(r"\b[Mm]arks?\b", made.__doc__)
 

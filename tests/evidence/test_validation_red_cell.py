@@ -1,0 +1,49 @@
+"""A red cell in shear: what the runs are set beside."""
+
+import numpy as np
+import pytest
+
+from dldsim.evidence import validation_red_cell as cases
+from dldsim.evidence.reference import read_reference
+from dldsim.evidence.validation_assays import Sheared
+
+
+def test_angles_are_those_of_the_donors():
+    """At a shear rate that was measured its own row; none where nothing was."""
+    row = read_reference(cases.ANGLES)[4]
+    mean, low, high, source = cases.angles(row["shear_rate_per_s"] * 10.7e-3)
+    assert (mean, low, high) == pytest.approx(
+        (row["mean_deg"], row["lowest_deg"], row["highest_deg"])
+    )
+    assert "Fischer" in source and low < mean < high
+    assert cases.angles(0.01) is None and cases.angles(30.0) is None
+
+
+def test_red_cells_in_shear_are_marked_on_the_plateau_only(monkeypatch):
+    strain = np.linspace(0, cases.STRAIN, 81)
+    late = strain > cases.STRAIN - cases.AVERAGED
+    run = Sheared(
+        strain,
+        np.where(late, 0.5, 0.0),
+        0 * strain,
+        np.where(late, 12.0, 0.0),
+        1 + 0 * strain,
+        1 + 0 * strain,
+    )
+    monkeypatch.setattr(cases, "sheared", lambda *given: run)
+    rows = list(cases.red_cell_in_shear())
+    indices = {row.parameter: row for row in rows if row.quantity == "elongation index"}
+    assert indices[30.0].reference == pytest.approx(0.605, abs=1e-3)
+    assert indices[0.95].reference == pytest.approx(0.270, abs=1e-3)
+    assert all(row.value == pytest.approx(0.5) for row in indices.values())
+    assert [row.mark is not None for row in indices.values()] == [
+        stress > cases.PLATEAU_PA for stress in indices
+    ]
+    angles = [row for row in rows if row.quantity == "inclination"]
+    assert {row.parameter for row in angles} == {0.95, 3.0}
+    assert all(row.value == pytest.approx(12.0) and row.mark < 0.4 for row in angles)
+
+
+def test_membrane_has_the_moduli_of_the_literature():
+    assert cases.RED_CELL.ks_uN_per_m == pytest.approx(5.3 * 4 / 3**0.5)
+    assert cases.RED_CELL.kb_pN_um == pytest.approx(0.2 * 2 / 3**0.5)
