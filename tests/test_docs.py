@@ -5,7 +5,9 @@ import re
 import shlex
 
 import pytest
+import yaml
 
+from dldsim import __version__
 from dldsim.app import cli
 from dldsim.tables.parquet import read_table
 from tests.pages import ROOT, renewed
@@ -50,6 +52,13 @@ def test_answers_take_the_place_of_older_ones():
         "and\n\n    kept\n"
     )
     assert renewed(new, lambda command: f"new {command}\n\nend\n") == new
+
+
+def test_version_is_the_same_everywhere():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    [latest, *_] = re.findall(r"^## (\S+?)(?:,|$)", changes, re.MULTILINE)
+    assert cited["version"] == latest == __version__
 
 
 @pytest.fixture(scope="module")

@@ -54,7 +54,7 @@ def kill_by_limit(process: subprocess.Popen, env: dict) -> str:
         ).stdout.splitlines()
         for line in lines:
             number, comment = line.split(maxsplit=1)
-            if "simulate_run" in comment:
+            if "simulate_outcome" in comment:
                 subprocess.run(
                     ["scontrol", "update", f"JobId={number}", "TimeLimit=1"], env=env, check=True
                 )
