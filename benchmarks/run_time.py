@@ -59,8 +59,7 @@ def start_up(flow_file: Path, edge: float, rounds: int) -> dict[str, dict[str, f
 @numba.njit
 def _with_fields(steps, fluid):
     for step in range(steps):
-        f, f_new = (fluid.f_new, fluid.f) if step % 2 else (fluid.f, fluid.f_new)
-        stream_collide(f, f_new, fluid.force, fluid.velocity, fluid.scheme)
+        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
 
 
 def with_fields(fluid: Fluid):

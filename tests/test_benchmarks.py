@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks import __main__ as bench  # noqa: E402
-from benchmarks import campaign_cost, growth, kernels  # noqa: E402
+from benchmarks import campaign_cost, growth, kernels, outcome_cost  # noqa: E402
 
 SPEED = campaign_cost.Speed(100.0, 200.0, 2.0, 10.0, 60.0, 30.0)
 
@@ -70,6 +70,16 @@ def test_a_missed_target_says_so():
     met, missed = (bench.row("a ratio", value, 1.8, True) for value in (1.9, 1.7))
     lines = bench.text([met, missed]).splitlines()
     assert "MISSED" not in lines[0] and lines[1].endswith("MISSED")
+
+
+def test_cost_is_that_of_decided_outcomes():
+    outcome = {"outcome": "a", "mode": "bump", "releases": 2, "rows": 40, "without_s": 30.0}
+    results = [
+        outcome | {"decided": True, "now_s": 6.0},
+        outcome | {"decided": False, "now_s": 9.0},
+    ]
+    last = outcome_cost.table(results).splitlines()[-1]
+    assert last == "1 of 2 decided: 15.0 s for each, without 60.0 s, ratio 4.00"
 
 
 def test_growth_figure_is_drawn():

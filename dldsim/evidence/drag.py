@@ -72,8 +72,7 @@ def push_steadily(steps, push, fluid, stencil, vertex_velocity, kick):
     fluid.force[:] = 0.0
     spread(push, stencil, fluid.force)
     for step in range(steps):
-        f, f_new = (fluid.f_new, fluid.f) if step % 2 else (fluid.f, fluid.f_new)
-        stream_collide(f, f_new, fluid.force, fluid.velocity, fluid.scheme)
+        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
     interpolate_both(fluid.velocity, fluid.force, stencil, vertex_velocity, kick)
 
 

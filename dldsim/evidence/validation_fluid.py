@@ -141,7 +141,7 @@ def _decay_rate(n: int, relaxation_time: float, inertia: bool) -> float:
     k = 2 * np.pi / n
     x, y = (k * (i.ravel() + 0.5) for i in np.indices((n, n)))
     vortex = 0.1 / n * np.stack([np.cos(x) * np.sin(y), -np.sin(x) * np.cos(y), 0 * x])
-    f = fluid.f.reshape(20, -1)[:19, : lattice.nodes]
+    f = fluid.f.reshape(19, -1)[:, : lattice.nodes]
     f[:] = 3 * WEIGHTS[:, None] * (VELOCITIES @ vortex)
     rate = 2 * viscosity(relaxation_time) * k**2
     settle, steps = (2 * round(share / rate / 2) for share in (1, 2))
@@ -358,7 +358,7 @@ def lane_width(flow: EmptyFlow) -> float:
     """First lane width over gap of a plane array, from the velocity across the narrowest gap."""
     array = array_of(flow)
     lattice, pitch, radius = array.lattice, array.pitch, array.radius
-    f = flow.populations.reshape(20, -1)[:19, : lattice.nodes]
+    f = flow.populations.reshape(19, -1)[:, : lattice.nodes]
     u = VELOCITIES[:, 0] @ f - flow.body_force[0] / 2  # the step ends with a full force
     across = lattice.column[[(pitch - 1) // 2, pitch // 2]]  # twice the same for an odd pitch
     distance = np.mod(np.arange(pitch) + 0.5 - pitch / 2, pitch)  # from the pillar's centre

@@ -80,7 +80,7 @@ def start_shear(fluid: Fluid, shear_rate: float) -> None:
     """Populations of the steady flow u_x = γ̇ (z − height/2), exact on the lattice."""
     lattice, tau = fluid.lattice, fluid.relaxation_time
     z = np.arange(lattice.nz) + 0.5 - lattice.nz / 2
-    populations = fluid.f.reshape(20, lattice.stride)
+    populations = fluid.f.reshape(19, lattice.stride)
     for q, (cx, _, cz) in enumerate(VELOCITIES):
         column = 3 * WEIGHTS[q] * cx * shear_rate * (z - (tau - 1) * cz)
         populations[q, : lattice.nodes] = np.tile(column, lattice.columns)

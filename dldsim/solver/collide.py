@@ -5,45 +5,24 @@ from typing import NamedTuple
 import numpy as np
 
 from dldsim.solver.d3q19 import WEIGHTS
-from dldsim.solver.jit import restrict
+from dldsim.solver.jit import inlined
 from dldsim.solver.streaming import BLOCK
 
 MAGIC_PARAMETER = 3 / 16
 """Puts the wall of half-way bounce-back mid-link at any viscosity (Ginzburg et al. 2008)."""
-_ROW = [np.uint64(q) * BLOCK for q in range(19)]
-(
-    _R1,
-    _R2,
-    _R3,
-    _R4,
-    _R5,
-    _R6,
-    _R7,
-    _R8,
-    _R9,
-    _R10,
-    _R11,
-    _R12,
-    _R13,
-    _R14,
-    _R15,
-    _R16,
-    _R17,
-    _R18,
-) = _ROW[1:]
 
 
-@restrict
-def collide(buf, force, velocity, at, to, parameters, inertia):
-    """Collide BLOCK nodes in the buffer: two relaxation times, force after Guo et al. (2002).
+@inlined
+def collide(rows, first, force, at, velocity, to, parameters, inertia):
+    """Collide BLOCK nodes: two relaxation times, force after Guo et al. (2002).
 
-    ``buf``: 19 rows of populations, replaced by those after collision. ``force``, 3 rows from
-    ``at`` on: force density beside the uniform one; ``velocity``, 3 rows from ``to`` on: filled,
-    half the force included. Velocity is momentum over the reference density, as in He & Luo
-    (1997), so that a steady flow is solenoidal whatever its pressure. Without ``inertia`` the
-    equilibrium is linear, which gives the unsteady Stokes equations; with it, Navier-Stokes.
-    Written out over the stencil so that the compiler turns it into straight vector code; the tests
-    hold its loop form.
+    ``rows``, 19 from ``first`` on: what arrives, in the row of the opposite direction, replaced by
+    what leaves, each in its own. ``force``, 3 rows from ``at`` on: force density beside the uniform
+    one; ``velocity``, 3 rows from ``to`` on: filled, half the force included. Velocity is momentum
+    over the reference density, as in He & Luo (1997), so that a steady flow is solenoidal whatever
+    its pressure. Without ``inertia`` the equilibrium is linear, which gives the unsteady Stokes
+    equations; with it, Navier-Stokes. Written out over the stencil so that the compiler turns it
+    into straight vector code; the tests hold its loop form.
     """
     omega_plus, omega_minus = parameters.omega_plus, parameters.omega_minus
     force_plus, force_minus = parameters.force_plus, parameters.force_minus
@@ -53,26 +32,27 @@ def collide(buf, force, velocity, at, to, parameters, inertia):
     zero, half, three, nine = parameters.zero, parameters.half, parameters.three, parameters.nine
     forcex, forcey, forcez = force
     ux, uy, uz = velocity
+    r0, r1, r2, r3, r4, r5, r6, r7, r8, r9, r10, r11, r12, r13, r14, r15, r16, r17, r18 = rows
     for i in range(BLOCK):
-        f0 = buf[i]
-        f1 = buf[i + _R1]
-        f2 = buf[i + _R2]
-        f3 = buf[i + _R3]
-        f4 = buf[i + _R4]
-        f5 = buf[i + _R5]
-        f6 = buf[i + _R6]
-        f7 = buf[i + _R7]
-        f8 = buf[i + _R8]
-        f9 = buf[i + _R9]
-        f10 = buf[i + _R10]
-        f11 = buf[i + _R11]
-        f12 = buf[i + _R12]
-        f13 = buf[i + _R13]
-        f14 = buf[i + _R14]
-        f15 = buf[i + _R15]
-        f16 = buf[i + _R16]
-        f17 = buf[i + _R17]
-        f18 = buf[i + _R18]
+        f0 = r0[first + i]
+        f1 = r2[first + i]
+        f2 = r1[first + i]
+        f3 = r4[first + i]
+        f4 = r3[first + i]
+        f5 = r6[first + i]
+        f6 = r5[first + i]
+        f7 = r8[first + i]
+        f8 = r7[first + i]
+        f9 = r10[first + i]
+        f10 = r9[first + i]
+        f11 = r12[first + i]
+        f12 = r11[first + i]
+        f13 = r14[first + i]
+        f14 = r13[first + i]
+        f15 = r16[first + i]
+        f16 = r15[first + i]
+        f17 = r18[first + i]
+        f18 = r17[first + i]
         rho = (
             f0
             + f1
@@ -114,61 +94,61 @@ def collide(buf, force, velocity, at, to, parameters, inertia):
             hz = zero
             uh = zero
         e = omega_plus * rho - uh
-        buf[i] = f0 - omega_plus * f0 + w0 * e
+        r0[first + i] = f0 - omega_plus * f0 + w0 * e
         even = half * omega_plus * (f1 + f2) - w1 * e
         if inertia:
             even -= nine * w1 * jx * hx
         odd = half * omega_minus * (f1 - f2) - three * w1 * gx
-        buf[i + _R1] = f1 - even - odd
-        buf[i + _R2] = f2 - even + odd
+        r1[first + i] = f1 - even - odd
+        r2[first + i] = f2 - even + odd
         even = half * omega_plus * (f3 + f4) - w1 * e
         if inertia:
             even -= nine * w1 * jy * hy
         odd = half * omega_minus * (f3 - f4) - three * w1 * gy
-        buf[i + _R3] = f3 - even - odd
-        buf[i + _R4] = f4 - even + odd
+        r3[first + i] = f3 - even - odd
+        r4[first + i] = f4 - even + odd
         even = half * omega_plus * (f5 + f6) - w1 * e
         if inertia:
             even -= nine * w1 * jz * hz
         odd = half * omega_minus * (f5 - f6) - three * w1 * gz
-        buf[i + _R5] = f5 - even - odd
-        buf[i + _R6] = f6 - even + odd
+        r5[first + i] = f5 - even - odd
+        r6[first + i] = f6 - even + odd
         even = half * omega_plus * (f7 + f8) - w2 * e
         if inertia:
             even -= nine * w2 * (jx + jy) * (hx + hy)
         odd = half * omega_minus * (f7 - f8) - three * w2 * (gx + gy)
-        buf[i + _R7] = f7 - even - odd
-        buf[i + _R8] = f8 - even + odd
+        r7[first + i] = f7 - even - odd
+        r8[first + i] = f8 - even + odd
         even = half * omega_plus * (f9 + f10) - w2 * e
         if inertia:
             even -= nine * w2 * (jx - jy) * (hx - hy)
         odd = half * omega_minus * (f9 - f10) - three * w2 * (gx - gy)
-        buf[i + _R9] = f9 - even - odd
-        buf[i + _R10] = f10 - even + odd
+        r9[first + i] = f9 - even - odd
+        r10[first + i] = f10 - even + odd
         even = half * omega_plus * (f11 + f12) - w2 * e
         if inertia:
             even -= nine * w2 * (jx + jz) * (hx + hz)
         odd = half * omega_minus * (f11 - f12) - three * w2 * (gx + gz)
-        buf[i + _R11] = f11 - even - odd
-        buf[i + _R12] = f12 - even + odd
+        r11[first + i] = f11 - even - odd
+        r12[first + i] = f12 - even + odd
         even = half * omega_plus * (f13 + f14) - w2 * e
         if inertia:
             even -= nine * w2 * (jx - jz) * (hx - hz)
         odd = half * omega_minus * (f13 - f14) - three * w2 * (gx - gz)
-        buf[i + _R13] = f13 - even - odd
-        buf[i + _R14] = f14 - even + odd
+        r13[first + i] = f13 - even - odd
+        r14[first + i] = f14 - even + odd
         even = half * omega_plus * (f15 + f16) - w2 * e
         if inertia:
             even -= nine * w2 * (jy + jz) * (hy + hz)
         odd = half * omega_minus * (f15 - f16) - three * w2 * (gy + gz)
-        buf[i + _R15] = f15 - even - odd
-        buf[i + _R16] = f16 - even + odd
+        r15[first + i] = f15 - even - odd
+        r16[first + i] = f16 - even + odd
         even = half * omega_plus * (f17 + f18) - w2 * e
         if inertia:
             even -= nine * w2 * (jy - jz) * (hy - hz)
         odd = half * omega_minus * (f17 - f18) - three * w2 * (gy - gz)
-        buf[i + _R17] = f17 - even - odd
-        buf[i + _R18] = f18 - even + odd
+        r17[first + i] = f17 - even - odd
+        r18[first + i] = f18 - even + odd
         ux[to + i] = jx
         uy[to + i] = jy
         uz[to + i] = jz

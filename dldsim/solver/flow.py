@@ -22,7 +22,7 @@ from dldsim.files import atomic_path, why_not_read
 from dldsim.laws import viscosity
 from dldsim.solver.collide import collision_parameters
 from dldsim.solver.jit import aligned_zeros, jit
-from dldsim.solver.lattice import Lattice
+from dldsim.solver.lattice import Lattice, row_length
 from dldsim.solver.pillars import ArrayLattice, make_array
 from dldsim.solver.stream_collide import FluidState, Scheme, stream_collide
 from dldsim.solver.streaming import BLOCK
@@ -36,10 +36,9 @@ MAX_STEPS = 200_000
 def advance_fluid(steps, fluid):
     """An even number of time steps under the uniform force alone; velocity of the last one."""
     nothing = fluid.velocity[:0]
-    for step in range(0, steps, 2):
-        stream_collide(fluid.f, fluid.f_new, nothing, nothing, fluid.scheme)
-        asked = fluid.velocity if step == steps - 2 else nothing
-        stream_collide(fluid.f_new, fluid.f, nothing, asked, fluid.scheme)
+    for step in range(steps):
+        asked = fluid.velocity if step == steps - 1 else nothing
+        stream_collide(step, fluid.f, nothing, asked, fluid.scheme)
 
 
 @dataclass
@@ -54,8 +53,7 @@ class Fluid:
 
     def __post_init__(self):
         n = self.lattice.stride
-        memory = aligned_zeros(20 * n + self.lattice.lead, self.dtype)
-        self.f, self.f_new = memory[self.lattice.lead :], memory[: 20 * n]
+        self.f = aligned_zeros(19 * n, self.dtype)
         self.force = aligned_zeros(3 * n, self.dtype)
         self.velocity = aligned_zeros(3 * n, self.dtype)
         self.buffer = aligned_zeros(26 * int(BLOCK), self.dtype)
@@ -86,7 +84,7 @@ class Fluid:
     @property
     def state(self) -> FluidState:
         """What the kernels work on."""
-        return FluidState(self.f, self.f_new, self.force, self.velocity, self.scheme)
+        return FluidState(self.f, self.force, self.velocity, self.scheme)
 
     def advance(self, steps: int) -> None:
         """Advance by an even number of steps."""
@@ -151,7 +149,7 @@ class EmptyFlow:
     """Steady flow through an array without a cell.
 
     ``mobility`` (2, 2): mean velocity per force density in lattice units, (x, y);
-    ``body_force`` (2,); ``populations``: start state of the runs (20 * stride,).
+    ``body_force`` (2,); ``populations``: start state of the runs (19 * stride,).
     """
 
     geometry: Geometry
@@ -241,9 +239,14 @@ class EmptyFlow:
                 "and run snakemake again."
             )
             raise DldsimError(why_not_read(path, error) or damaged, key=str(path)) from error
+        other = ""
         if meta.pop("physics_version", None) != PHYSICS_VERSION:
+            other = "another physics version"
+        elif arrays["populations"].size != 19 * row_length(meta["nodes"]):
+            other = "a version that keeps populations in another order"
+        if other:
             raise DldsimError(
-                f"{path} was made by another physics version.",
+                f"{path} was made by {other}.",
                 key=str(path),
                 remedy="Move it away and run snakemake again.",
             )

@@ -16,10 +16,14 @@ from pathlib import Path
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
 from numba.core.codegen import get_host_cpu_features
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
+from numba.extending import intrinsic
 
 PACKAGE = Path(__file__).parents[1]
 CACHE_LINE = 64  # bytes
@@ -142,6 +146,47 @@ _options = {"error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "afn
 jit = _compiler(**_options)
 restrict = _compiler(**_options, noalias=True)
 """For kernels none of whose arrays overlap, unless they are only read."""
+inlined = _compiler(**_options, noalias=True, forceinline=True)
+"""The same where many arguments make a call dear."""
+
+
+LANES = 16
+"""Elements that `copy_masked` copies at once: a vector of 512 bits in single precision."""
+
+
+@intrinsic
+def copy_masked(typing_context, target, at, source, begin, mask):
+    """target[at + i] = source[begin + i] for the LANES elements i whose bit of ``mask`` is set.
+
+    Arrays (n,) of one floating-point type, which do not overlap here; places as uint64, the mask as
+    uint32. One vector and a masked store, for which numba has no words.
+    """
+
+    def generate(context, builder, signature, arguments):
+        target, at, source, begin, mask = arguments
+        element = context.get_data_type(signature.args[0].dtype)
+        size = context.get_abi_sizeof(element)
+        vector, bits = ir.VectorType(element, LANES), ir.VectorType(ir.IntType(1), LANES)
+
+        def place(kind, array, index):
+            data = context.make_array(kind)(context, builder, array).data
+            return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+
+        values = builder.load(place(signature.args[2], source, begin))
+        values.align = size
+        width = ir.IntType(32)
+        store = cgutils.get_or_insert_function(
+            builder.module,
+            ir.FunctionType(ir.VoidType(), [vector, vector.as_pointer(), width, bits]),
+            f"llvm.masked.store.v{LANES}f{8 * size}.p0",
+        )
+        chosen = builder.bitcast(builder.trunc(mask, ir.IntType(LANES)), bits)
+        where = place(signature.args[0], target, at)
+        builder.call(store, [values, where, ir.Constant(width, size), chosen])
+        return context.get_dummy_value()
+
+    places = types.uint64
+    return types.void(target, places, source, places, types.uint32), generate
 
 
 def aligned_zeros(shape, dtype=np.float64) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dldsim.errors import DldsimError
 from dldsim.solver.d3q19 import MIRRORED, OPPOSITE, VELOCITIES, WEIGHTS
-from dldsim.solver.streaming import BLOCK, LONG, PIECE, Streaming, compress
+from dldsim.solver.streaming import BLOCK, LONG, Arrival, Streaming, compress
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Lattice:
     the image of the domain at x + nx is displaced along y. ``walls``: no-slip plates at z = 0 and
     z = height, otherwise periodic along z. ``nz``: layers of nodes, all of the ``height`` or, below
     a plane of symmetry, half of them. ``stride``: elements from one row of populations to the
-    next; ``lead``: nodes between the windows before and after a step.
+    next.
     """
 
     nx: int
@@ -34,7 +34,6 @@ class Lattice:
     walls: bool
     column: np.ndarray
     stride: int
-    lead: int
     streaming: Streaming
 
     @property
@@ -109,45 +108,34 @@ def make_lattice(
     ix, iy = np.nonzero(~solid)
     if not len(ix):
         raise DldsimError("The scene has no fluid: pillars or walls fill the whole lattice.")
-    nodes = len(ix) * nz
-    lead, stride = _windows(column, ix, iy, nz, row_shift)
+    stride = row_length(len(ix) * nz)
     z = np.arange(nz)
     own = np.arange(len(ix))[:, None] * nz + z
-    runs, exacts, blends, aside = [], [], [], []
-
-    def set_aside(sources):
-        """Elements of the last row that take the place of the sources."""
-        start = 19 * stride + sum(map(len, aside))
-        aside.append(sources.ravel())
-        return start + np.arange(sources.size).reshape(sources.shape)
-
+    arrivals = []
     for q, (cx, cy, cz) in enumerate(VELOCITIES):
         source_column = column[neighbour((nx, ny), row_shift, ix, iy, -cx, -cy)]
         bounced = source_column < 0
         zs = z - cz
         opposite = OPPOSITE[q] * stride + own
+        twin = np.zeros(own.shape, bool)
+        moving = np.zeros(own.shape)
+        run = q * stride + source_column[:, None] * nz + zs
         if walls:
             layer = held(zs, nz, height)
             inside = (layer >= 0) & (layer < nz)
             row = np.where(layer == zs, q, MIRRORED[q]) * stride
-            exact = np.where(inside, row + source_column[:, None] * nz + layer, opposite)
-        else:
-            exact = q * stride + source_column[:, None] * nz + zs % nz
-        run = q * stride + source_column[:, None] * nz + zs  # as if every column went on forever
-        moving = np.zeros(exact.shape)
-        if walls:
+            element = np.where(inside, row + source_column[:, None] * nz + layer, opposite)
+            # What comes down to a node on the mirror also goes up from below it.
+            twin[:] = inside & (layer == z + cz) & (layer != zs)
             for plate, velocity in zip((0, nz - 1), wall_velocities, strict=True):
                 if not inside[plate]:
                     moving[:, plate] = 6 * WEIGHTS[q] * cx * velocity
-        across = (ix - cx < 0) | (ix - cx >= nx)
-        wrapped = across[:, None] & (run != exact) & (exact != opposite)
-        saved = set_aside(run[across])
-        exact[wrapped] = set_aside(exact[wrapped])
-        exact[across] = np.where(exact[across] == run[across], saved, exact[across])
-        run[across] = saved
-        exact[bounced] = opposite[bounced]
+        else:
+            element = q * stride + source_column[:, None] * nz + zs % nz
+        element[bounced] = opposite[bounced]
         run[bounced] = opposite[bounced]
-        behind_element = np.full(run.shape, -1)
+        twin[bounced] = False
+        behind_element = np.full(own.shape, -1)
         weight = np.zeros(len(ix))
         if link_fraction is not None and bounced.any():
             fraction = link_fraction(ix[bounced], iy[bounced], -cx, -cy)
@@ -163,33 +151,13 @@ def make_lattice(
                 zb = layer
             else:
                 zb = zb % nz
-            element = row + behind[:, None] * nz + zb
-            behind_element = np.where(reachable, element, -1)
-            across = ((ix + cx < 0) | (ix + cx >= nx))[:, None] & (behind_element >= 0)
-            behind_element[across] = set_aside(behind_element[across])
-        runs.append(run.ravel())
-        exacts.append((exact.ravel(), moving.ravel()))
-        blends.append((behind_element.ravel(), q * stride + own.ravel(), np.repeat(weight, nz)))
-    streaming = compress(runs, exacts, blends, aside, nodes, dtype)
-    return Lattice(nx, ny, nz, height, row_shift, walls, column, stride, lead, streaming)
+            behind_element = np.where(reachable, row + behind[:, None] * nz + zb, -1)
+        values = element, run, twin, moving, behind_element, np.repeat(weight, nz)
+        arrivals.append(Arrival(*(v.ravel() for v in values)))
+    streaming = compress(arrivals, stride, dtype)
+    return Lattice(nx, ny, nz, height, row_shift, walls, column, stride, streaming)
 
 
-def _windows(column, ix, iy, nz, row_shift) -> tuple[int, int]:
-    """How far apart the windows before and after a step are, and the length of a row."""
-    nx, ny = column.shape
-    farthest = crossing = 0
-    for cx, cy in np.unique(VELOCITIES[:, :2], axis=0):
-        source = column[neighbour((nx, ny), row_shift, ix, iy, -cx, -cy)]
-        across = (ix - cx < 0) | (ix - cx >= nx)
-        distance = np.where(across | (source < 0), 0, abs(source - column[ix, iy]))
-        farthest = max(farthest, distance.max())
-        crossing = max(crossing, np.count_nonzero(across))
-    lead = _whole((farthest + 1) * nz, PIECE)
-    # Five directions each way, their copies across the ends along z, and blends.
-    room = max(_whole(len(ix) * nz, BLOCK) + lead, 3 * 10 * crossing * nz)
-    return lead, _whole(room + int(LONG), PIECE)
-
-
-def _whole(number: int, unit) -> int:
-    """The number, raised to a multiple of the unit."""
-    return -(-int(number) // int(unit)) * int(unit)
+def row_length(nodes: int) -> int:
+    """Elements of a row of populations or vectors: whole blocks, and room for copies beyond."""
+    return -(-nodes // int(BLOCK)) * int(BLOCK) + int(LONG)

@@ -1,12 +1,4 @@
-"""One time step of the fluid, block by block: gather, collide, put back.
-
-The populations of the next step overwrite those of this one (compressed grid, Pohl et al.,
-Parallel Process. Lett. 13 (2003) 549): before and after are two windows on the same memory, apart
-by as many nodes as a population travels in the list of nodes, and the list is walked forwards when
-the new window lies before the old one, backwards on the way back. Half the memory and two thirds
-of the traffic of two arrays. What crosses the end of the domain along x would come too late; it is
-set aside before the step.
-"""
+"""One time step of the fluid, block by block, in place: see :mod:`dldsim.solver.streaming`."""
 
 from typing import NamedTuple
 
@@ -14,7 +6,7 @@ import numpy as np
 
 from dldsim.solver.collide import CollisionParameters, collide
 from dldsim.solver.jit import jit
-from dldsim.solver.streaming import BLOCK, ONE, Streaming, gather, put, set_aside
+from dldsim.solver.streaming import BLOCK, ONE, Streaming, double, meet_walls, put, take, take_back
 
 
 class Scheme(NamedTuple):
@@ -30,13 +22,9 @@ class Scheme(NamedTuple):
 
 
 class FluidState(NamedTuple):
-    """Arrays of one fluid and how it goes on; see `stream_collide`.
-
-    Even steps go from ``f`` to ``f_new``, odd ones back.
-    """
+    """Arrays of one fluid and how it goes on; see `stream_collide`."""
 
     f: np.ndarray
-    f_new: np.ndarray
     force: np.ndarray
     velocity: np.ndarray
     scheme: Scheme
@@ -50,41 +38,86 @@ def _components(field):
 
 
 @jit
-def stream_collide(f, f_new, force, velocity, scheme):
-    """One time step from populations ``f`` (after collision) to ``f_new``.
+def _rows(f):
+    """The rows of populations, as arrays of their own."""
+    n = len(f) // 19
+    return (
+        f[:n],
+        f[n : 2 * n],
+        f[2 * n : 3 * n],
+        f[3 * n : 4 * n],
+        f[4 * n : 5 * n],
+        f[5 * n : 6 * n],
+        f[6 * n : 7 * n],
+        f[7 * n : 8 * n],
+        f[8 * n : 9 * n],
+        f[9 * n : 10 * n],
+        f[10 * n : 11 * n],
+        f[11 * n : 12 * n],
+        f[12 * n : 13 * n],
+        f[13 * n : 14 * n],
+        f[14 * n : 15 * n],
+        f[15 * n : 16 * n],
+        f[16 * n : 17 * n],
+        f[17 * n : 18 * n],
+        f[18 * n :],
+    )
 
-    ``f``, ``f_new`` (20 * stride,), of which the last stride is work space: windows on the same
-    memory, `lead` elements apart, in which the step leaves nothing of ``f``; or two arrays.
-    ``force``, ``velocity`` (3 * stride,): force density beside the uniform one, and the velocity
-    that belongs to the state between streaming and collision; either may be empty: no force, and
-    velocity not asked for.
+
+@jit
+def stream_collide(step, f, force, velocity, scheme):
+    """Time step number ``step`` of the populations ``f`` (19 * stride,).
+
+    Before an even step and after an odd one every population is in its own row, as it left its
+    node. ``force``, ``velocity`` (3 * stride,): force density beside the uniform one, and the
+    velocity that belongs to the state between streaming and collision; either may be empty: no
+    force, and velocity not asked for.
     """
     streaming, parameters, inertia, buf = scheme
     spare = np.uint64(20) * BLOCK
     forced, asked = np.uint64(len(force) > 0), np.uint64(len(velocity) > 0)
     forces = _components(force if forced else buf[spare + np.uint64(3) * BLOCK :])
     velocities = _components(velocity if asked else buf[spare : spare + np.uint64(3) * BLOCK])
-    end = 19 * (len(f) // 20)
-    set_aside(f[:end], f[end:], streaming)
-    blocks = np.uint64(len(streaming.patch_start)) - ONE
-    backwards = f.ctypes.data < f_new.ctypes.data
-    for count in range(blocks):
-        block = blocks - ONE - count if backwards else count
-        gather(block, f, streaming, buf)
+    odd = step % 2 == 1
+    meet_walls(odd, f, streaming)
+    blocks = np.uint64(len(streaming.part_start)) - ONE
+    rows = _rows(f if odd else buf[: np.uint64(19) * BLOCK])
+    for block in range(blocks):
         first = block * BLOCK
-        collide(buf, forces, velocities, first * forced, first * asked, parameters, inertia)
-        put(buf, first, f_new)
+        if odd:
+            double(block, f, streaming)
+        else:
+            take(block, f, streaming, buf)
+        collide(
+            rows,
+            first * np.uint64(odd),
+            forces,
+            first * forced,
+            velocities,
+            first * asked,
+            parameters,
+            inertia,
+        )
+        if not odd:
+            put(block, buf, streaming, f)
 
 
 @jit
-def damp_staggered_momentum(f, f_before, half):
+def damp_staggered_momentum(f, before, scheme):
     """Replace the state by its mean with the one a step before.
 
-    D3Q19 conserves, up to a sign that alternates in time, the momentum along an axis weighted with
+    ``f`` is that after an odd step, ``before`` that before it, both (19 * stride,). D3Q19
+    conserves, up to a sign that alternates in time, the momentum along an axis weighted with
     alternating signs along that axis (eigenvalue -1 at wave number π, whatever the collision; cf.
     McNamara & Zanetti 1988). Forces that change from step to step feed it, nothing damps it, and
     in thousands of steps it drowns the flow. The mean removes it and delays the fluid by half a
     step, so call it now and then, not every step.
     """
-    for i in range(len(f)):
-        f[i] = half * (f[i] + f_before[i])
+    half, buf = scheme.parameters.half, scheme.buf
+    stride = np.uint64(len(f)) // np.uint64(19)
+    for block in range(np.uint64(len(scheme.streaming.part_start)) - ONE):
+        take_back(block, before, scheme.streaming, buf)
+        for q in range(np.uint64(19)):
+            a, b = q * stride + block * BLOCK, q * BLOCK
+            for i in range(BLOCK):
+                f[a + i] = half * (f[a + i] + buf[b + i])

@@ -152,11 +152,8 @@ def step_fluid(step, fluid, before, drive):
     """
     damping = step % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
     if damping:
-        before[:] = fluid.f_new
-    if step % 2 == 0:
-        stream_collide(fluid.f, fluid.f_new, fluid.force, fluid.velocity, fluid.scheme)
-    else:
-        stream_collide(fluid.f_new, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
+        before[:] = fluid.f
+    stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
     parameters = fluid.scheme.parameters
     if step % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
         mean_velocity(fluid.velocity, drive)
@@ -165,7 +162,7 @@ def step_fluid(step, fluid, before, drive):
                 correction = drive.gain[d, e] * (drive.target[e] - drive.mean[e])
                 parameters.body_force[d] += correction
     if damping:
-        damp_staggered_momentum(fluid.f, before, parameters.half)
+        damp_staggered_momentum(fluid.f, before, fluid.scheme)
 
 
 @jit

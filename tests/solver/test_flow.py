@@ -269,7 +269,7 @@ def test_larger_domains_carry_the_same_flow(rows, lanes, height_um):
     fluid = large.lattice.column >= 0
     assert np.array_equal(fluid, image >= 0)
     columns = [
-        s.populations.reshape(20, -1)[:19, : a.lattice.nodes].reshape(19, -1, a.lattice.nz)
+        s.populations.reshape(19, -1)[:, : a.lattice.nodes].reshape(19, -1, a.lattice.nz)
         for s, a in ((one, small), (many, large))
     ]
     difference = columns[1][:, large.lattice.column[fluid]] - columns[0][:, image[fluid]]
@@ -360,6 +360,14 @@ def test_flow_file_of_other_physics_is_refused(small_flow, tmp_path, monkeypatch
     small_flow.save(path)
     monkeypatch.undo()
     with pytest.raises(DldsimError, match="physics version"):
+        EmptyFlow.load(path)
+
+
+def test_flow_file_of_another_order_is_refused(small_flow, tmp_path):
+    path = tmp_path / "flow.npz"
+    longer = np.append(small_flow.populations, np.float32(0))
+    dataclasses.replace(small_flow, populations=longer).save(path)
+    with pytest.raises(DldsimError, match="another order"):
         EmptyFlow.load(path)
 
 

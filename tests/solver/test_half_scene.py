@@ -114,12 +114,12 @@ def test_streaming_equals_the_lower_half_of_its_loop_form(height, interpolated):
     whole = rng.normal(size=(19, lattice.columns, height))
     whole += whole[MIRRORED, :, ::-1]
     nodes_of(fluid.f, lattice)[:19] = whole[:, :, :19]
-    # There, and back, when the list of nodes is walked from its end.
-    for f, f_new in ((fluid.f, fluid.f_new), (fluid.f_new, fluid.f)):
-        stream_collide(f, f_new, fluid.force, fluid.velocity, fluid.scheme)
+    for step in range(4):
+        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
         whole = naive.stream(whole, lattice.column, height, True, 4, fraction)
-        after = nodes_of(f_new, lattice)[:19]
-        np.testing.assert_allclose(after, whole[:, :, :19], rtol=0, atol=1e-13)
+        if step % 2 == 1:
+            after = nodes_of(fluid.f, lattice)
+            np.testing.assert_allclose(after, whole[:, :, :19], rtol=0, atol=1e-12)
 
 
 def test_empty_flow_is_that_of_the_whole_height(flows):
