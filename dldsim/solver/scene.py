@@ -196,6 +196,8 @@ class CellInFlow:
         strength = units.force(CONTACT_STRENGTH) * spacing ** -(n + 1) * self.density
         reach = max(numerics.contact_range_um / spacing, 1e-9)
         core = (strength * n * (n + 1) / CONTACT_STIFFEST) ** (1 / (n + 2))
+        if core > reach:  # linear throughout, and no stiffer than a step bears
+            strength = CONTACT_STIFFEST * reach ** (n + 2) / (n * (n + 1))
         no_surface = {
             "pillars": False,
             "pitch": 1.0,

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from dldsim.config.sections import Cell, Flow, Numerics, Stiffness
+from dldsim.solver.contact import contact_forces
 from dldsim.solver.d3q19 import VELOCITIES, WEIGHTS
 from dldsim.solver.flow import Fluid
 from dldsim.solver.immersed_boundary import EVEN_ODD, KERNELS
 from dldsim.solver.lattice import make_lattice
-from dldsim.solver.scene import CellInFlow
+from dldsim.solver.scene import CONTACT_STIFFEST, CellInFlow
 from dldsim.solver.time_loop import DAMPING_INTERVAL
 from dldsim.solver.units import Units
 from tests.solver.test_immersed_boundary import node_positions, nodes_of
@@ -187,10 +188,27 @@ def test_axes_are_alike(coupling):
 
 
 def test_friction_belongs_to_the_membrane_and_not_to_its_mesh():
-    fine, coarse = (make_cell("dissipative", edge_to_spacing=e) for e in (0.5, 1.0))
+    fine, coarse = (
+        make_cell("dissipative", edge_to_spacing=e, contact_range_um=0.5) for e in (0.5, 1.0)
+    )
     assert fine.vertices > 3 * coarse.vertices
     # Meshes inscribed in the sphere differ by (edge/radius)²/8 = 1 % in area.
     assert fine.friction * fine.vertices == pytest.approx(
         coarse.friction * coarse.vertices, rel=0.015
     )
     assert fine.contact.strength.sum() == pytest.approx(coarse.contact.strength.sum(), rel=0.015)
+
+
+@pytest.mark.parametrize("range_um", [0.0, 0.01, 0.1, 0.2, 0.5, 2.0])
+def test_contact_is_never_stiffer_than_a_step_bears(range_um):
+    scene = make_cell("no-slip", walls=True, contact_range_um=range_um)
+    r = np.append(np.linspace(-0.3, 1.0, 131), scene.contact.reach)
+    r.sort()
+    x = np.stack([np.full(len(r), 10.0), np.full(len(r), 10.0), r], axis=1)
+    contact = scene.contact._replace(strength=np.full(len(r), scene.contact.strength[0]))
+    force = np.zeros_like(x)
+    contact_forces(x, contact, force)
+    slope = -np.diff(force[:, 2]) / np.diff(r)
+    assert slope.max() == pytest.approx(CONTACT_STIFFEST, rel=1e-6)
+    assert slope.min() > -1e-12
+    assert force[r >= contact.reach, 2] == pytest.approx(0, abs=1e-12)
