@@ -162,6 +162,13 @@ def settled(tab) -> None:
     tab.wait_for_timeout(500)
 
 
+def heading(tab, name: str) -> None:
+    """Wait for a heading; what is refused in its place is told at once."""
+    found = tab.get_by_role("heading", name=name)
+    found.or_(tab.locator(ERROR).filter(has_text="request")).first.wait_for()
+    assert found.count(), tab.locator(ERROR).all_inner_texts()
+
+
 def press(tab, name: str) -> None:
     tab.get_by_role("button", name=name, exact=False).first.click()
 
@@ -231,7 +238,7 @@ def test_request_course_dashboard_and_downloads(tab, service):
     tab.get_by_text("Searching").wait_for()
     tab.locator(".js-plotly-plot:visible").first.wait_for()  # the course, while the search runs
     shoot(tab, "live")
-    tab.get_by_role("heading", name="Ranked candidates").wait_for()
+    heading(tab, "Ranked candidates")
     sys.stdout.write(f"click to dashboard: {time.monotonic() - start:.1f} s\n")
     settled(tab)
     shoot(tab, "dashboard")
@@ -268,6 +275,8 @@ def test_from_two_populations_to_mask_and_outcome(tab, service):
     tab.set_viewport_size({"width": min(WIDTHS), "height": HEIGHT})
     opened(tab, service)
     for place, (radius, spread) in enumerate((("4.5", "0.2"), ("7.5", "0.4"))):
+        tab.get_by_text("stiffness set", exact=True).nth(place).click()
+        settled(tab)
         fill(tab, "Cell radius R", radius, place)
         fill(tab, "± SD of the radius", spread, place)
     tab.get_by_text("Constraints, objective and search").click()
@@ -276,7 +285,7 @@ def test_from_two_populations_to_mask_and_outcome(tab, service):
     look(tab, "path-form")
     start = time.monotonic()
     press(tab, "Search for designs")
-    tab.get_by_role("heading", name="Ranked candidates").wait_for()
+    heading(tab, "Ranked candidates")
     sys.stdout.write(f"click to dashboard: {time.monotonic() - start:.1f} s\n")
     settled(tab)
     look(tab, "path-design")
@@ -288,7 +297,7 @@ def test_from_two_populations_to_mask_and_outcome(tab, service):
     tab.get_by_role("heading", name="What comes out of a device").wait_for()
     settled(tab)
     press(tab, "Compute the outcome")
-    tab.get_by_role("heading", name="At the outlets").wait_for()
+    heading(tab, "At the outlets")
     settled(tab)
     name, content = download(tab, "Outcome (JSON)")
     again = json.loads(content)["device_outcomes"][0]
@@ -297,7 +306,7 @@ def test_from_two_populations_to_mask_and_outcome(tab, service):
     tab.get_by_text("A second device behind an outlet").click()
     settled(tab)
     press(tab, "Compute the outcome")
-    tab.get_by_role("heading", name="At the outlets of the second device").wait_for()
+    heading(tab, "At the outlets of the second device")
     settled(tab)
     name, content = download(tab, "Outcome (CSV)")
     assert content.decode().startswith("request,device,stage,population,outlet,purity")
@@ -309,13 +318,15 @@ def test_cells_are_simulated_beside_their_prediction(tab, service):
     tab.get_by_role("link", name="Outcome").click()
     tab.get_by_role("heading", name="What comes out of a device").wait_for()
     settled(tab)
-    fill(tab, "Cell radius R", "6", 0)
-    fill(tab, "Cell radius R", "8.5", 1)
+    for place, radius in enumerate(("6", "8.5")):
+        tab.get_by_text("stiffness set", exact=True).nth(place).click()
+        settled(tab)
+        fill(tab, "Cell radius R", radius, place)
     fill(tab, "Pillar radius P_r", "8.91")
     fill(tab, "Gap P_g", "12.06")
     fill(tab, "Periodicity N_p", "6")
     press(tab, "Compute the outcome")
-    tab.get_by_role("heading", name="Simulated check").wait_for()
+    heading(tab, "Simulated check")
     settled(tab)
     fill(tab, "Cells to simulate", "2")
     press(tab, "Simulate them")
@@ -338,16 +349,18 @@ def test_pictures_of_the_docs(tab, service):
     tab.set_viewport_size({"width": 1000, "height": HEIGHT})
     opened(tab, service)
     for place, radius in enumerate(("6", "9")):
+        tab.get_by_text("stiffness set", exact=True).nth(place).click()
+        settled(tab)
         fill(tab, "Cell radius R", radius, place)
     press(tab, "Search for designs")
-    tab.get_by_role("heading", name="Ranked candidates").wait_for()
+    heading(tab, "Ranked candidates")
     settled(tab)
     shoot(tab, "design", 1800)
     press(tab, "Change or simulate it on the page Outcome")
     tab.get_by_role("heading", name="What comes out of a device").wait_for()
     settled(tab)
     press(tab, "Compute the outcome")
-    tab.get_by_role("heading", name="At the outlets").wait_for()
+    heading(tab, "At the outlets")
     settled(tab)
     shoot(tab, "outcome", 1800)
     tab.get_by_role("link", name="Campaign").click()
@@ -509,4 +522,4 @@ def test_api_that_is_gone_is_said_and_comes_back(tab, service):
     service[0].start()
     service[0].wait("/api/v1/health")
     press(tab, "Search for designs")
-    tab.get_by_role("heading", name="Ranked candidates").wait_for()
+    heading(tab, "Ranked candidates")
