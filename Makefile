@@ -31,7 +31,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -q $(TOGETHER)
 
 quick: $(VENV)/installed-dev  # the tests that take less than a second each
-	$(BIN)/python -m pytest -q $(TOGETHER) -m "not slow and not service"
+	$(BIN)/python -m pytest -q $(TOGETHER) -m "not slow and not service and not browser"
 
 docs: $(VENV)/installed-dev  # the pages as a site, in build/site
 	$(SITE)

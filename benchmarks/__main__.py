@@ -1,7 +1,8 @@
 """All ratios in one table, each beside its target.
 
 ``python -m benchmarks [--quick] [--json FILE] [--figure FILE]``: kernels and limits of the
-core, where the time of a run goes, growth, and lbmpy if it is installed.
+core, where the time of a run goes, growth, answers to design requests, and lbmpy if it is
+installed.
 ``--quick`` takes fewer turns. Nothing here fails: a target that is missed says so.
 """
 
@@ -11,7 +12,7 @@ import json
 import sys
 from pathlib import Path
 
-from benchmarks import growth, kernels, peers, run_time
+from benchmarks import design_time, growth, kernels, peers, run_time
 
 LEVEL, CELL, START, RATIO, MEMORY = 1.0, 0.5, 1.5, 1.8, 1024.0
 """Targets: against lbmpy; cell over fluid; start-up [s]; two at once over one; peak [MiB]."""
@@ -49,6 +50,16 @@ def rows(found: dict) -> list[dict]:
     table += [
         row(f"fluid over lbmpy, {r['scene']}, {r['precision']}", r["ratio"], LEVEL, True)
         for r in found["peers"]
+    ]
+    table += [
+        row(
+            f"processor time of an answer, {r['request']}",
+            r["cpu_s"],
+            design_time.ANSWER,
+            False,
+            "s",
+        )
+        for r in found["answers"]
     ]
     fits = found["growth"]["fits"]
     for name in ("fluid step against nodes", "cell's part of a step against vertices"):
@@ -92,6 +103,8 @@ def main() -> None:
     write(run_time.table(found["run_time"]) + "\n")
     found["growth"] = growth.collect(repeats, max(5, rounds // 2), None, False)
     write(growth.table(found["growth"]) + "\n")
+    found["answers"] = design_time.answers(repeats)
+    write(design_time.table(found["answers"]) + "\n")
     if given.figure:
         given.figure.write_bytes(growth.render(growth.draw(found["growth"]), "png"))
     if importlib.util.find_spec("lbmpy"):

@@ -1,6 +1,7 @@
 """What the benchmarks compute from what they measure, and that the Slurm profile is complete."""
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -20,7 +21,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks import __main__ as bench  # noqa: E402
-from benchmarks import campaign_cost, growth, kernels, outcome_cost  # noqa: E402
+from benchmarks import campaign_cost, design_time, growth, kernels, outcome_cost  # noqa: E402
 
 SPEED = campaign_cost.Speed(100.0, 200.0, 2.0, 10.0, 60.0, 30.0)
 
@@ -80,6 +81,25 @@ def test_cost_is_that_of_decided_outcomes():
     ]
     last = outcome_cost.table(results).splitlines()[-1]
     assert last == "1 of 2 decided: 15.0 s for each, without 60.0 s, ratio 4.00"
+
+
+def test_time_of_an_answer_is_that_of_all_threads_of_its_process(tmp_path):
+    spin = (
+        "import threading, time, os; end = lambda: [None for _ in iter(lambda: time.thread_time()"
+        " > 0.15, True)]; t = [threading.Thread(target=end) for _ in range(2)];"
+        "[x.start() for x in t]; [x.join() for x in t]; assert 'OMP_NUM_THREADS' not in os.environ"
+    )
+    found = design_time.measure([sys.executable, "-c", spin], tmp_path)
+    assert found["cpu_s"] > 0.29
+    with pytest.raises(subprocess.CalledProcessError):
+        design_time.measure([sys.executable, "-c", "raise SystemExit(2)"], tmp_path)
+
+
+def test_requests_of_the_benchmark_are_commands():
+    from dldsim.app import cli
+
+    for words in design_time.REQUESTS.values():
+        cli.make_parser().parse_args(words)
 
 
 def test_growth_figure_is_drawn():

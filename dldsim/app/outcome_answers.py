@@ -16,6 +16,7 @@ from dldsim.config.explain import validate
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import Geometry, Stiffness
 from dldsim.design.cell_check import (
+    PROCESSES,
     Compared,
     Drawn,
     Setting,
@@ -91,9 +92,10 @@ def make_outcomes(
     name = f"request {asked.request.name}"
     check_cells(name, asked.request, asked.populations, known.model)
     found: list[DeviceOutcome] = []
-    for stage, design in enumerate(designs, start=1):
-        found.append(
-            device_outcome(
+    for design in designs:
+        inflow = found[0].inflow(from_outlet) if found else None
+        try:
+            one = device_outcome(
                 asked.request,
                 design.name,
                 design.geometry,
@@ -103,9 +105,18 @@ def make_outcomes(
                 asked.history,
                 derive_seed(seed, "outcome"),
                 simulated=_simulated(asked, design, known),
-                inflow=found[0].inflow(from_outlet) if stage == 2 else None,
+                inflow=inflow,
             )
-        )
+        except DldsimError as error:
+            if inflow is None:
+                raise
+            raise DldsimError(
+                f"The second device, {design.name}: {error}",
+                key=[f"then.{key}" for key in error.keys],
+                value=error.value,
+                allowed=error.allowed,
+            ) from error
+        found.append(one)
     return found
 
 
@@ -127,6 +138,7 @@ def check_by_simulation(
     seed: int,
     directory: Path,
     progress: Progress,
+    processes: int = PROCESSES,
 ) -> dict[str, pd.DataFrame]:
     """Tables of CHECKS: so many drawn cells, simulated in the nominal array, beside its prediction.
 
@@ -154,7 +166,7 @@ def check_by_simulation(
         simulated=_simulated(asked, design, known),
         tolerance_um=0.0,
     )
-    rows = simulate_cells(drawn, setting, directory, progress)
+    rows = simulate_cells(drawn, setting, directory, progress, processes)
     exits = [
         exit_um(row, d.start_um, nominal.paths[d.population - 1])
         for row, d in zip(rows, drawn, strict=True)

@@ -53,6 +53,8 @@ def fault_of(model: type[BaseModel], details: Mapping) -> DldsimError:
     inner = getattr(details.get("ctx", {}).get("error"), "keys", ())
     keys = [f"{path}.{key}" if path else key for key in inner] or [path]
     shown = "" if isinstance(value, dict | BaseModel) else repr(value)
+    if inner and isinstance(value, dict):  # settings that do not fit each other
+        shown = ", ".join(repr(value[key]) for key in inner if key in value)
     allowed = allowed_at(model, loc, details)
     if kind in ("extra_forbidden", "invalid_key"):
         shown = "unknown key" + (f" (= {value!r})" if not isinstance(value, dict | list) else "")
@@ -61,7 +63,7 @@ def fault_of(model: type[BaseModel], details: Mapping) -> DldsimError:
     elif kind in ("literal_error", "union_tag_invalid"):
         allowed += did_you_mean(value, _choices(_annotation_at(model, loc)))
     lines = [
-        f"  key      {path or '(whole configuration)'}",
+        f"  key      {', '.join(filter(None, keys)) or '(whole configuration)'}",
         f"  value    {shown}" if shown else "",
         f"  allowed  {allowed}",
     ]

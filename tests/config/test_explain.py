@@ -70,6 +70,14 @@ def test_bad_values_are_named(overrides, parts):
     assert "Traceback" not in text and "pydantic" not in text
 
 
+def test_settings_that_do_not_fit_each_other_are_all_named():
+    with pytest.raises(DldsimError) as caught:
+        validate(Device, {"outlets": 3, "outlet_walls_um": [500.0]})
+    assert "key      outlets, outlet_walls_um" in str(caught.value)
+    assert "value    3, [500.0]" in str(caught.value)
+    assert "allowed  outlets = 2 with 1 outlet_walls_um" in str(caught.value)
+
+
 def test_every_problem_is_told_in_three_lines():
     with pytest.raises(DldsimError) as caught:
         resolve(RAW, {"flow": {"height_um": -1, "drive": "x"}})

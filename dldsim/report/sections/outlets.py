@@ -91,9 +91,9 @@ def _check(page: Page) -> dict:
     if not (page.some("device_checks") and page.some("checked_cells")):
         return {"check": None, "agreement": None}
     checks = page["device_checks"]
-    picture = outlet_figures.draw_check(
-        page["device_exits"], page["checked_cells"], page["device_outcomes"]
-    )
+    first = (page[kind][page[kind]["stage"] == 1] for kind in ("device_exits", "device_outcomes"))
+    exits, outcomes = first  # the device that cells were simulated in
+    picture = outlet_figures.draw_check(exits, page["checked_cells"], outcomes)
     return {
         "check": page.figure("device_check", picture, ()),
         "agreement": page.table(

@@ -210,6 +210,34 @@ def test_a_killed_worker_is_replaced(serve):
     assert (found["state"], found["attempts"]) == ("done", 2)
 
 
+def test_a_killed_check_goes_on_with_the_cells_that_it_has(serve, tmp_path):
+    service = serve()
+    cells = {"stiffness_set_1": "3", "stiffness_set_2": "3", "radius_1_um": 6, "radius_2_um": 8.5}
+    array = {"pillar_radius_um": 8.91, "gap_um": 12.06, "periodicity": 6}
+    status, accepted = service.call("POST", "/checks", cells | array | {"simulate": 3})
+    assert status == 202, accepted
+    folder, end = tmp_path / "outcomes" / accepted["id"], time.monotonic() + LIMIT_S
+    while not list(folder.glob("cell-*.parquet")):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    workers = service.processes() - {service.process.pid}
+    service.kill()
+    while any(map(alive, workers)):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    kept = {path: path.stat().st_mtime_ns for path in folder.glob("cell-*.parquet")}
+    service, said = serve(), set()
+    while (found := service.call("GET", f"/checks/{accepted['id']}")[1])["state"] != "done":
+        assert time.monotonic() < end and found["state"] in ("queued", "running"), found
+        if found["attempts"] == 2:
+            said.add(found["message"])
+            assert all(p.stat().st_mtime_ns == t for p, t in kept.items() if p.exists())
+        time.sleep(0.1)
+    assert found["attempts"] == 2 and not any(s.startswith("cell 1 of") for s in said)
+    assert sum(row["simulated"] for row in found["result"]["device_checks"]) == 3
+    assert not folder.exists()
+
+
 def test_a_verdict_is_attached_when_it_is_ready(serve, tmp_path):
     settings = yaml.safe_load((Path(__file__).parents[3] / "config.yaml").read_text())
     settings["verification"] = {
@@ -253,7 +281,14 @@ def test_a_verdict_is_attached_when_it_is_ready(serve, tmp_path):
     reason="schemathesis is not installed",
 )
 def test_fuzzing_meets_no_server_error(serve):
-    service = serve(queue_max=1000, campaigns_max=20, search_s_max=5, optimize_wait_s=1)
+    service = serve(
+        queue_max=1000,
+        verify_queue_max=2,
+        campaigns_max=20,
+        search_s_max=5,
+        verify_s_max=5,
+        optimize_wait_s=1,
+    )
     command = shutil.which("schemathesis") or str(Path(sys.executable).parent / "schemathesis")
     examples = os.environ.get("DLDSIM_WEB_TEST_EXAMPLES", "40")
     done = subprocess.run(

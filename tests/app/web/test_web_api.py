@@ -554,6 +554,21 @@ def test_a_full_queue_says_when_to_come_back(idle):
     assert refused.status_code == 422 and "does not simulate" in refused.json()["message"]
 
 
+def test_every_address_is_in_the_docs(idle):
+    """And so in the document that is fuzzed: both are compared with each other."""
+    text = Path("docs/web.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ")[0] for line in text.splitlines() if re.match(r"\| `[A-Z]", line)]
+    told = {
+        (method, path)
+        for row in rows
+        for path in re.findall(r"/[\w/{}]+", row)
+        for method in re.findall(r"GET|POST|DELETE", row)
+    }
+    paths = idle.get("/openapi.json").json()["paths"]
+    known = {(m.upper(), p.removeprefix(PREFIX)) for p, methods in paths.items() for m in methods}
+    assert told == known
+
+
 def test_unknown_ids_and_paths_are_not_found(idle):
     for path in (
         f"designs/{uuid.uuid4()}",

@@ -1,12 +1,17 @@
 """What comes out of a device, and measured cells in requests, over the API."""
 
+from pathlib import Path
+
 import pytest
 from fastapi.testclient import TestClient
 
+from dldsim.app import outcome_answers
 from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.app import make_app
 from dldsim.app.web.api.problems import PREFIX
 from dldsim.app.web.api.settings import Settings
+from dldsim.app.web.api.store import VERIFICATION
+from dldsim.app.web.api.worker import Worker
 
 pytestmark = pytest.mark.slow
 
@@ -19,8 +24,16 @@ PLACE = {
     "draws": 16,
     "cells": 32,
 }
+THEN = {"pillar_radius_um": 6.0, "gap_um": 15.0, "periodicity": 5}
+CASCADE = {"then": THEN, "from_outlet": 1}
 TABLE = "radius_um\n6.9\n7.1\n7.3\n"
 WITH_INDEX = "radius_um,deformation_index\n7.5,0.58\n7.5,0.60\n7.5,0.62\n"
+
+
+@pytest.fixture(autouse=True)
+def nowhere(monkeypatch, tmp_path):
+    """No config.yaml in the working directory."""
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +129,13 @@ def test_a_request_with_measured_cells_survives_the_queue():
         ({"outlets": 1}, "outlets", "≥ 2"),
         ({"trials": 3}, "trials", "no such field"),
         ({"radius_1_um": 51}, "radius_1_um", "up to 50"),
+        ({"radius_cv_1": -0.1}, "radius_cv_1", "≥ 0"),
+        ({"then": THEN}, "then", "go together"),
+        ({"then": THEN, "from_outlet": 3}, "from_outlet", "the first device has 2 outlets"),
+        (CASCADE | {"then": THEN | {"array_length_mm": 0.05}}, "then.array_length_mm", "second"),
+        (CASCADE | {"then": THEN | {"sample_position_mm": 5}}, "then.sample_position_mm", "second"),
+        (CASCADE | {"then": THEN | {"gap_um": -1}}, "then.gap_um", "≥ 0.1"),
+        (CASCADE | {"then": THEN | {"trials": 3}}, "then.trials", "pillar_radius_um"),
     ],
 )
 def test_what_has_no_outcome_is_told_at_its_field(client, changes, field, words):
@@ -143,3 +163,165 @@ def test_two_outcomes_at_once_are_enough(client):
         gate.release()
         gate.release()
     assert ask(client).status_code == 200
+
+
+# ---------------------------------------------------------------------------------------- cascades
+
+
+def test_a_cascade_has_both_devices_and_less_of_the_sample(client):
+    one = ask(client).json()
+    fed = [o["cells_1"] + o["cells_2"] for o in one["device_outlets"]]
+    found = ask(client, then=THEN | {"outlets": 3}, from_outlet=1 + fed.index(max(fed))).json()
+    assert [row["stage"] for row in found["device_outcomes"]] == [1, 1, 2, 2]
+    assert {row["device"] for row in found["device_outcomes"]} == {"array", "second array"}
+    assert found["device_outcomes"][:2] == one["device_outcomes"]
+    assert len(found["device_outlets"]) == 2 + 3
+    assert found["then"]["outlets"] == 3 and one["then"] is None
+    second = [row for row in found["device_outcomes"][2:] if row["recovery"] is not None]
+    assert second and all(r["recovery_of_sample"] <= r["recovery"] + 1e-9 for r in second)
+
+
+# ------------------------------------------------------------------------------- simulated checks
+
+
+@pytest.fixture
+def worker(client):
+    """The process that simulates, in this one."""
+    return Worker(client.app.state.service.settings, VERIFICATION, "here")
+
+
+def check(client, **changes):
+    answer = client.post(f"{PREFIX}/checks", json=PLACE | {"simulate": 6} | changes)
+    assert answer.status_code == 202, answer.text
+    return answer.json()
+
+
+def work(worker):
+    worker._do(worker.store.claim(VERIFICATION, worker.name))
+
+
+def row_of(one):
+    return {
+        "status": "converged",
+        "stop_reason": "",
+        "mode": "zigzag",
+        "migration_angle_deg": 0.0,
+        "lateral_steps_um": [0.0] * 6,
+        "cell_radius_um": one.cell.radius_um,
+        "rows_completed": 6,
+    }
+
+
+def test_a_check_has_predicted_and_simulated_cells(client, worker, monkeypatch):
+    seen = {}
+
+    def simulate(drawn, setting, directory, progress, processes):
+        seen.update(directory=directory, processes=processes)
+        directory.mkdir(parents=True)
+        progress("cell 1 of 6")
+        status = client.get(url).json()
+        assert (status["state"], status["message"]) == ("running", "cell 1 of 6")
+        return [row_of(one) for one in drawn]
+
+    monkeypatch.setattr(outcome_answers, "simulate_cells", simulate)
+    accepted = check(client)
+    assert (accepted["state"], accepted["queue_position"]) == ("queued", 0)
+    url = f"{PREFIX}/checks/{accepted['id']}"
+    work(worker)
+    found = answers.CheckStatus.model_validate(client.get(url).json())
+    assert found.state == "done", found.error
+    result = found.result
+    assert [row.simulated for row in result.device_checks] == [3, 3]
+    assert [cell.population for cell in result.checked_cells] == [1, 1, 1, 2, 2, 2]
+    assert all(cell.exit_um == pytest.approx(cell.start_um) for cell in result.checked_cells)
+    predicted = ask(client).json()  # the same seed: the outcome as it is predicted without it
+    assert [row.model_dump() for row in result.device_outcomes] == predicted["device_outcomes"]
+    assert seen["processes"] == 1 and not seen["directory"].exists()
+
+
+def test_an_interrupted_check_goes_on_with_its_cells(client, worker, monkeypatch):
+    folders = []
+
+    def dies(drawn, setting, directory, progress, processes):
+        directory.mkdir(parents=True, exist_ok=True)
+        folders.append(directory)
+        if len(folders) == 1:
+            (directory / "cell-0001.parquet").write_text("kept")
+            raise KeyboardInterrupt  # as a process that is killed: nothing is written
+        assert (directory / "cell-0001.parquet").read_text() == "kept"
+        return [row_of(one) for one in drawn]
+
+    monkeypatch.setattr(outcome_answers, "simulate_cells", dies)
+    accepted = check(client)
+    with pytest.raises(KeyboardInterrupt):
+        work(worker)
+    worker.store.release(worker.name, "it ended")
+    work(worker)
+    found = client.get(f"{PREFIX}/checks/{accepted['id']}").json()
+    assert (found["state"], found["attempts"]) == ("done", 2)
+    assert folders[0] == folders[1] and not folders[0].exists()
+
+
+def test_a_cancelled_check_ends_with_its_cell_and_leaves_nothing(client, worker, monkeypatch):
+    def simulate(drawn, setting, directory, progress, processes):
+        directory.mkdir(parents=True)
+        Path(directory, "cell-0001.parquet").touch()
+        seen.append(directory)
+        client.delete(f"{PREFIX}/checks/{accepted['id']}")
+        progress("cell 1 of 6")
+        raise AssertionError("goes on")
+
+    seen = []
+    monkeypatch.setattr(outcome_answers, "simulate_cells", simulate)
+    accepted = check(client)
+    work(worker)
+    assert client.get(f"{PREFIX}/checks/{accepted['id']}").json()["state"] == "cancelled"
+    assert not seen[0].exists()
+
+
+def test_a_check_that_no_cell_survives_says_why(client, worker, monkeypatch):
+    monkeypatch.setattr(
+        outcome_answers,
+        "simulate_cells",
+        lambda drawn, *rest: [{"status": "failed", "stop_reason": "too fast"} for _ in drawn],
+    )
+    accepted = check(client)
+    work(worker)
+    found = client.get(f"{PREFIX}/checks/{accepted['id']}").json()
+    assert found["state"] == "failed" and "too fast" in found["error"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "words"),
+    [
+        ({"simulate": 1}, "simulate", "≥ 2"),
+        ({"simulate": 201}, "simulate", "≤ 200"),
+        ({"then": THEN, "from_outlet": 1}, "then", "no such field"),
+        ({"array_length_mm": 0.05}, "array_length_mm", "fewer than one period"),
+        ({"stiffness_set_2": "1"}, "stiffness_set_1", "no array separates equals"),
+    ],
+)
+def test_what_cannot_be_checked_is_refused_before_the_queue(client, changes, field, words):
+    answer = client.post(f"{PREFIX}/checks", json=PLACE | {"simulate": 6} | changes)
+    problem = answer.json()
+    assert answer.status_code == 422 and words in problem["message"], problem
+    assert field in [f["field"] for f in problem["fields"]]
+
+
+def test_a_check_with_other_numerics_than_what_was_learnt_is_refused(client, tmp_path):
+    (tmp_path / "config.yaml").write_text("run_control: {max_rows: 9}\n", encoding="utf-8")
+    answer = client.post(f"{PREFIX}/checks", json=PLACE | {"simulate": 6})
+    assert answer.status_code == 422 and "run_control.max_rows = 9" in answer.json()["message"]
+    assert ask(client).status_code == 200  # what is predicted has none
+
+
+def test_a_service_without_simulating_processes_refuses_checks(campaign, tmp_path):
+    app = make_app(Settings(results=campaign, state=tmp_path, verify_workers=0))
+    app.state.service.pool.problems = list
+    answer = TestClient(app).post(f"{PREFIX}/checks", json=PLACE | {"simulate": 6})
+    assert answer.status_code == 422 and "does not simulate" in answer.json()["message"]
+
+
+def test_an_unknown_check_is_not_found(client):
+    answer = client.get(f"{PREFIX}/checks/66666666-7777-8888-9999-000000000000")
+    assert answer.status_code == 404 and "there is none" in answer.json()["message"]

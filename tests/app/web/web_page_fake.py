@@ -11,9 +11,10 @@ from math import atan, degrees
 import httpx
 import pandas as pd
 
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, outcome_specs, specs
 
 ID = "11111111-2222-3333-4444-555555555555"
+CHECK = "66666666-7777-8888-9999-000000000000"
 PREFIX = "/api/v1"
 LOW, HIGH = 0.68, 0.74
 ABOUT = answers.Provenance(
@@ -114,6 +115,19 @@ def at_outlets(devices: list[str]) -> dict:
             for y in (480.0, 520.0)
         ],
         "notes": ["transients as *outcomes* have them"],
+    }
+
+
+def outcome(spec: outcome_specs.CellsInDevice) -> dict:
+    """What comes out of the devices of a request."""
+    names = ["array", "second array"][: len(spec.devices)]
+    return at_outlets(names) | {
+        "request": spec.request.model_dump(mode="json"),
+        "device": spec.device,
+        "populations": [],
+        "doubt": "The assay does not tell the two cell types apart.",
+        "warnings": [],
+        "provenance": ABOUT,
     }
 
 
@@ -240,6 +254,7 @@ class Fake:
     def __init__(self):
         self.designs: dict[str, answers.DesignStatus] = {}
         self.campaigns: dict[str, answers.CampaignStatus] = {}
+        self.checks: dict[str, answers.CheckStatus] = {}
         self.asked: list[httpx.Request] = []
         self.refuse: dict[str, tuple[int, answers.Problem]] = {}
         self.down = False
@@ -437,18 +452,58 @@ class Fake:
         )
 
     def post_outcome(self, request, _) -> httpx.Response:
-        spec = specs.OutcomeSpec(**json.loads(request.content))
-        return self.answer(
-            answers.OutcomeAnswer(
-                **at_outlets(["array"]),
-                request=spec.request.model_dump(mode="json"),
-                device=spec.device,
-                populations=[],
-                doubt="The assay does not tell the two cell types apart.",
-                warnings=[],
-                provenance=ABOUT,
-            )
+        spec = outcome_specs.OutcomeSpec(**json.loads(request.content))
+        return self.answer(answers.OutcomeAnswer(**outcome(spec)))
+
+    def post_checks(self, request, _) -> httpx.Response:
+        spec = outcome_specs.CheckSpec(**json.loads(request.content))
+        self.checks[CHECK] = answers.CheckStatus(
+            id=CHECK,
+            state="running",
+            created="",
+            spec=spec,
+            message="cell 1 of 4",
+            elapsed_s=30.0,
+            attempts=2,
         )
+        return self.answer(self.checks[CHECK], 202)
+
+    def finish_check(self, **change) -> None:
+        """The check with what it found: cells of type 1 as predicted, of type 2 not."""
+        status = self.checks[CHECK]
+        rows = [
+            row(
+                "device_checks",
+                population=p,
+                simulated=2,
+                own=3 - p,
+                predicted=0.9,
+                predicted_low=0.8,
+                predicted_high=1.0,
+                recovery=(3 - p) / 2,
+                agrees=p == 1,
+            )
+            for p in (1, 2)
+        ]
+        cells = [
+            row("checked_cells", cell=k, population=p, exit_um=y)
+            for k, (p, y) in enumerate(((1, 480.0), (1, 490.0), (2, 485.0), (2, None)), start=1)
+        ]
+        result = answers.CheckAnswer(
+            **outcome(status.spec), device_checks=rows, checked_cells=cells
+        )
+        done = {"state": "done", "result": result}
+        self.checks[CHECK] = status.model_copy(update=done | change)
+
+    def get_checks(self, _, rest) -> httpx.Response:
+        if rest[0] not in self.checks:
+            return self.answer(answers.Problem(error="not-found", message="there is none"), 404)
+        return self.answer(self.checks[rest[0]])
+
+    def delete_checks(self, _, rest) -> httpx.Response:
+        found = self.checks[rest[0]].model_copy(update={"state": "cancelled"})
+        self.checks[rest[0]] = found
+        return self.answer(found)
 
     def post_predict(self, request, _) -> httpx.Response:
         given = json.loads(request.content)

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
+from dldsim.app.web.api.outcome_specs import CheckSpec
 from dldsim.app.web.api.ranges import LARGEST, SMALLEST
 from dldsim.app.web.api.specs import DesignSpec
 from dldsim.tables.registry import COLUMNS
@@ -65,6 +66,8 @@ DeviceOutcome = row_model("device_outcomes")
 DeviceOutlet = row_model("device_outlets")
 DevicePosition = row_model("device_positions")
 DeviceExit = row_model("device_exits")
+DeviceCheck = row_model("device_checks")
+CheckedCell = row_model("checked_cells")
 
 
 class Provenance(Answer):
@@ -243,14 +246,42 @@ class Prediction(Answer):
 
 
 class OutcomeAnswer(AtOutlets):
-    """Purity and recovery of two populations at the outlets of one device."""
+    """Purity and recovery of two populations at the outlets of a device, or of both of a
+    cascade."""
 
     request: dict[str, Any] = Field(description="both cell types, with what measured cells gave")
-    device: dict[str, Any] = Field(description="the device that was looked at")
+    device: dict[str, Any] = Field(description="the device that was looked at, the first of two")
+    then: dict[str, Any] | None = Field(None, description="the second device of a cascade")
     populations: list[CellType] = Field(description="from what was measured to what acts")
     doubt: str = Field(description="said first: the assay does not tell the cell types apart")
     warnings: list[str]
     provenance: Provenance
+
+
+class CheckAnswer(OutcomeAnswer):
+    """An outcome, and simulated cells beside it."""
+
+    device_checks: list[DeviceCheck] = Field(
+        description="of each cell type: predicted and simulated recovery, and whether they agree"
+    )
+    checked_cells: list[CheckedCell] = Field(description="the simulated cells")
+
+
+class CheckStatus(Answer):
+    """A simulated check: `result` is there once `state` is done."""
+
+    id: str
+    state: Literal["queued", "running", "done", "failed", "cancelled"]
+    queue_position: int | None = Field(None, description="jobs before this one; 0: next")
+    created: str
+    started: str | None = None
+    finished: str | None = None
+    attempts: int = Field(0, description="times it was begun; cells that were finished are kept")
+    spec: CheckSpec
+    message: str = Field("", description="how far it is: last sentence of the simulation")
+    elapsed_s: float | None = Field(None, description="since it was begun last")
+    error: str | None = Field(None, description="why it failed")
+    result: CheckAnswer | None = None
 
 
 class StiffnessAnswer(Answer):
@@ -367,13 +398,14 @@ class Health(Answer):
     uptime_s: float
 
 
+@cache
 def limits_of(model: type[BaseModel]) -> list[FieldLimit]:
     """Ranges, units, defaults and meanings of the fields of a request."""
     units = {"_um": "µm", "_deg": "°", "_kPa": "kPa", "_mm_s": "mm/s", "_uN_per_m": "µN/m"}
     units |= {"_mm": "mm", "_mm2": "mm²", "_uL_per_h": "µL/h"}
-    found = []
+    found, properties = [], model.model_json_schema()["properties"]
     for name, field in model.model_fields.items():
-        schema = model.model_json_schema()["properties"][name]
+        schema = properties[name]
         parts = [schema, *schema.get("anyOf", []), *schema.get("prefixItems", [])]
         at = {
             key: part[key]

@@ -8,7 +8,7 @@ from fastapi.middleware.cors import CORSMiddleware
 from starlette.concurrency import run_in_threadpool
 
 from dldsim import __version__
-from dldsim.app.web.api import campaigns, designs, questions
+from dldsim.app.web.api import campaigns, designs, outcomes, questions
 from dldsim.app.web.api.middleware import BodyLimit, Prefix
 from dldsim.app.web.api.problems import add_handlers
 from dldsim.app.web.api.service import Service
@@ -40,7 +40,7 @@ def make_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.service = service
     add_handlers(app)
-    for subject in (designs, questions, campaigns):
+    for subject in (designs, outcomes, questions, campaigns):
         app.include_router(subject.make_router(service))
     if settings.cors_origins:
         app.add_middleware(

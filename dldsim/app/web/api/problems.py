@@ -10,7 +10,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from dldsim.app.web.api import answers, ranges, specs
+from dldsim.app.web.api import answers, outcome_specs, ranges, specs
 from dldsim.config.explain import allowed_at
 from dldsim.errors import DldsimError
 
@@ -18,7 +18,8 @@ PREFIX = "/api/v1"
 BODIES: dict[str, type[BaseModel]] = {
     "/designs": specs.DesignSpec,
     "/optimize": specs.OptimizeSpec,
-    "/outcome": specs.OutcomeSpec,
+    "/outcome": outcome_specs.OutcomeSpec,
+    "/checks": outcome_specs.CheckSpec,
     "/predict": specs.PredictSpec,
     "/stiffness": specs.StiffnessSpec,
     "/measurements": specs.MeasurementsSpec,
@@ -76,15 +77,20 @@ def infeasible(spec: BaseModel, error: DldsimError) -> Refused:
     given = spec.model_dump()
     named = []
     for fault in error.faults:
-        for name in (key.removeprefix("device.") for key in fault.keys):
-            value, *inner = given.get(name.partition(".")[0]), *name.split(".")[1:]
-            for part in inner if value is not None else ():
-                value = value[int(part) if part.isdigit() else part]
+        for name in (key.replace("device.", "") for key in fault.keys):
+            value = _at(given, name)
             if value is not None:
                 named.append(
                     answers.FieldProblem(field=name, value=shown(value), message=str(fault))
                 )
     return Refused(422, "infeasible", str(error), named)
+
+
+def _at(given: Any, name: str) -> Any:
+    """What a request has at a key path; None where it has nothing."""
+    for part in name.split("."):
+        given = given[int(part)] if isinstance(given, list) else (given or {}).get(part)
+    return given
 
 
 def _invalid(request: Request, error: RequestValidationError) -> Response:
@@ -124,7 +130,7 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
             and loc[:1] == ("body",)
             and details["type"] not in ("json_invalid", "model_attributes_type")
         ):
-            if details["type"] == "extra_forbidden":
+            if details["type"] == "extra_forbidden" and len(path) == 1:
                 allowed = "no such field; known: " + ", ".join(model.model_fields)
             elif path:
                 allowed = allowed_at(model, path, details)

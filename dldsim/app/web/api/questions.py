@@ -1,24 +1,17 @@
-"""Questions that are answered at once: prediction, outcome, stiffness, model, tables, health."""
+"""Questions that are answered at once: prediction, stiffness, model, tables, health."""
 
 import math
 import time
-from typing import Any
 
 from fastapi import APIRouter, Response
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis.calibration import default_curves, stiffness_for
-from dldsim.app import design_answers, outcome_answers
-from dldsim.app.asked import ask
+from dldsim.app import design_answers
 from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.data import Source, columns_of, table_rows
 from dldsim.app.web.api.problems import PREFIX, infeasible, problems
 from dldsim.app.web.api.service import CampaignQuery, Service, calibration_of
-from dldsim.app.web.api.store import SEARCH
-from dldsim.app.web.api.worker import at_outlets
-from dldsim.config.design_sections import CellTypes, Device
-from dldsim.config.explain import validate
-from dldsim.design.populations import doubt, rows_of
 from dldsim.design.task import angle_interval, check_cell
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
@@ -76,41 +69,6 @@ def make_router(service: Service) -> APIRouter:
             distance_outside=answers.finite(float(outside)),
             cell=cell.row("prediction") | {"told_apart": None, "doubt": ""},
             warnings=warnings,
-            provenance=source.provenance,
-        )
-
-    @routes.post(
-        "/outcome",
-        response_model=answers.OutcomeAnswer,
-        responses=problems(404, 409, 429),
-        tags=["questions"],
-    )
-    def outcome(spec: specs.OutcomeSpec) -> answers.OutcomeAnswer:
-        """Purity and recovery of two populations at the outlets of one device."""
-        source = service.source(spec.campaign)
-        known = source.known
-        if not service.outcomes.acquire(blocking=False):
-            raise service.busy(SEARCH, "Two outcomes are being computed already.")
-        try:
-            request = spec.request
-            populations = design_answers.resolve_by(known, request)
-            asked = ask(request, populations, known.tables, spec.measured)
-            device = _device(known.chip.device, spec.device)
-            design = outcome_answers.Design(
-                "array", design_answers.geometry_of(spec.model_dump()), device, {}
-            )
-            found = outcome_answers.make_outcomes(asked, [design], known, spec.seed)
-        except DldsimError as error:
-            raise infeasible(spec, error) from error
-        finally:
-            service.outcomes.release()
-        return answers.OutcomeAnswer(
-            **at_outlets(found, asked.notes),
-            request=request.model_dump(include=set(CellTypes.model_fields) | {"tolerance_um"}),
-            device=device.model_dump(),
-            populations=rows_of(populations, request.name),
-            doubt=doubt(populations),
-            warnings=source.provenance.warnings,
             provenance=source.provenance,
         )
 
@@ -261,12 +219,3 @@ def make_router(service: Service) -> APIRouter:
         )
 
     return routes
-
-
-def _device(own: Device, given: dict[str, Any]) -> Device:
-    """The service's device with what a request gives. Raises DldsimError that names the fields."""
-    try:
-        return validate(Device, own.model_dump() | given)
-    except DldsimError as error:
-        text = "; ".join(fault.allowed for fault in error.faults)
-        raise DldsimError(f"The device: {text}.", key=error.keys) from error

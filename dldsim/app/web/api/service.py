@@ -102,16 +102,21 @@ class Service:
             asked = ask(request, populations, known.tables, spec.measured)
             more = asked.sources, asked.history
             search.check(search.Task(known.model, request, populations, chip, spec.seed, *more))
-            if spec.verify and self.settings.verify_workers == 0:
-                raise DldsimError(
-                    "verify = true: this service does not simulate.",
-                    key="verify",
-                    value=True,
-                    allowed="false",
-                    remedy="Leave it out.",
-                )
+            if spec.verify:
+                self.simulates("verify", True)
         except DldsimError as error:
             raise infeasible(spec, error) from error
+
+    def simulates(self, key: str, value: Any) -> None:
+        """Raise DldsimError that names a field if this service has no process that simulates."""
+        if self.settings.verify_workers == 0:
+            raise DldsimError(
+                f"{key} = {str(value).lower()}: this service does not simulate.",
+                key=key,
+                value=value,
+                allowed="left out",
+                remedy="Start it with --verify-workers 1, or simulate by the command.",
+            )
 
     def status(self, job: Job) -> str:
         """A design as JSON text; results are stored as they are sent."""

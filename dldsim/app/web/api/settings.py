@@ -48,7 +48,9 @@ class Settings(Section):
     workers: int = Field(1, ge=1, le=64, description="processes that search and fit")
     verify_workers: int = Field(1, ge=0, le=64, description="processes that simulate; 0: none")
     queue_max: int = Field(100, ge=1, description="searches and fits waiting or running at most")
-    verify_queue_max: int = Field(10, ge=0, description="verifications waiting or running at most")
+    verify_queue_max: int = Field(
+        10, ge=0, description="verifications and checks waiting or running at most"
+    )
     optimize_max: int = Field(8, ge=1, description="requests that are waited for at once")
     optimize_wait_s: float = Field(55.0, gt=0, le=600, description="longest wait for them")
     trials_max: int = Field(500, ge=1, le=1000, description="trials of a search at most")
@@ -56,7 +58,9 @@ class Settings(Section):
         1_500_000, ge=1, description="points of a grid × draws of the robust objective at most"
     )
     search_s_max: float = Field(900.0, gt=0, description="a search or fit is ended after this")
-    verify_s_max: float = Field(4 * 3600.0, gt=0, description="a verification is ended after this")
+    verify_s_max: float = Field(
+        4 * 3600.0, gt=0, description="a verification or check is ended after this"
+    )
     body_max_bytes: int = Field(256 * 1024, ge=1024, description="of a request")
     upload_max_bytes: int = Field(16 * 1024**2, ge=1024, description="of an upload")
     upload_rows_max: int = Field(20_000, ge=1, description="rows of an uploaded table")

@@ -6,7 +6,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from dldsim.app.asked import Both, with_measured
 from dldsim.app.web.api.ranges import LARGEST, in_range, no_flags
-from dldsim.config.design_sections import CellTypes, DesignRequest, Device, Spring, check_cell_type
+from dldsim.config.design_sections import DesignRequest, Spring, check_cell_type
 from dldsim.config.sections import Fraction, Name, Section, Shape, Unfit
 from dldsim.design.measured_cells import Measured, read_measured
 from dldsim.errors import DldsimError
@@ -14,8 +14,6 @@ from dldsim.errors import DldsimError
 SETS_LENGTH = 64
 CSV_LENGTH = 100_000
 """Characters of a table of measured cells: some ten thousand cells."""
-OUTCOME_DRAWS_MAX = 131_072
-"""Draws of the array times cells of an outcome that is waited for."""
 SEED_MAX = 2**31 - 1
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 CampaignId = Annotated[
@@ -118,83 +116,6 @@ class OptimizeSpec(DesignSpec):
     """A request that is waited for; nothing is verified."""
 
     verify: Literal[False] = False
-
-
-DEVICE = ("array_length_mm", "array_width_mm", "sample_position_mm", "sample_width_um", "outlets")
-"""Settings of the device that a request may change."""
-
-
-def _of_device(name: str) -> Any:
-    field = Device.model_fields[name]
-    text = field.description.partition("; default")[0]
-    return Field(None, description=f"{text}; left out: the service's device")
-
-
-Millimetres = Annotated[float, Field(ge=0.01, le=100)]
-
-
-class OutcomeSpec(MeasuredCells, CellTypes):
-    """Two cell types and one array: the options of `python -m dldsim outcome`."""
-
-    _no_flags = no_flags()
-    _in_range = in_range(*(name for name in LARGEST if name in CellTypes.model_fields))
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [
-                {
-                    "pillar_radius_um": 9.0,
-                    "gap_um": 12.0,
-                    "periodicity": 10,
-                    "stiffness_set_1": "3",
-                    "radius_1_um": 4.5,
-                    "radius_cv_1": 0.05,
-                    "stiffness_set_2": "3",
-                    "radius_2_um": 7.5,
-                    "radius_std_2_um": 0.4,
-                }
-            ]
-        }
-    )
-
-    pillar_radius_um: float = Field(ge=0.1, le=100, description="pillar radius P_r")
-    gap_um: float = Field(ge=0.1, le=200, description="gap P_g between pillar surfaces")
-    periodicity: int = Field(ge=2, le=100, description="rows N_p after which the array repeats")
-    stiffness_set_1: str | None = Field(
-        None, max_length=SETS_LENGTH, description="instead of deformation_index_1"
-    )
-    stiffness_set_2: str | None = Field(
-        None, max_length=SETS_LENGTH, description="instead of deformation_index_2"
-    )
-    tolerance_um: float = Field(0.5, ge=0, le=10, description="fabrication: ± on P_r and P_g")
-    array_length_mm: Millimetres | None = _of_device("array_length_mm")
-    array_width_mm: Millimetres | None = _of_device("array_width_mm")
-    sample_position_mm: Millimetres | None = _of_device("sample_position_mm")
-    sample_width_um: Annotated[float, Field(ge=0.1, le=1e5)] | None = _of_device("sample_width_um")
-    outlets: Annotated[int, Field(ge=2, le=20)] | None = _of_device("outlets")
-    seed: int = Field(1, ge=0, le=SEED_MAX, description="seed of everything random")
-    campaign: CampaignId | None = None
-
-    @model_validator(mode="after")
-    def _within_seconds(self) -> "OutcomeSpec":
-        if self.draws * self.cells > OUTCOME_DRAWS_MAX:
-            raise Unfit(
-                f"draws times cells at most {OUTCOME_DRAWS_MAX:,}, not {self.draws * self.cells:,}",
-                "draws",
-                "cells",
-            )
-        return self
-
-    @property
-    def request(self) -> DesignRequest:
-        """Both cell types as a request has them; its bounds of a search mean nothing."""
-        names = {*CellTypes.model_fields, "tolerance_um"}
-        return DesignRequest(name="outcome", **self.model_dump(include=names))
-
-    @property
-    def device(self) -> dict[str, Any]:
-        """What is given of the device."""
-        return self.model_dump(include=set(DEVICE), exclude_none=True)
 
 
 class PredictSpec(Section):

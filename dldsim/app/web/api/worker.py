@@ -14,16 +14,16 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from dldsim.app import design_answers
-from dldsim.app.web.api import answers, specs
+from dldsim.app import design_answers, outcome_answers
+from dldsim.app.web.api import answers, outcome_specs, specs
 from dldsim.app.web.api.data import Data, table_rows
+from dldsim.app.web.api.devices import answer_of, at_outlets, outcomes_of
 from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import VERIFICATION, Job, Store
-from dldsim.design.device_outcome import DeviceOutcome, tables_of
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
 
@@ -78,6 +78,7 @@ class Worker:
             "optimize": self._design,
             "campaign": self._campaign,
             "verification": self._verification,
+            "check": self._check,
         }[job.kind]
         try:
             work(job)
@@ -142,16 +143,7 @@ class Worker:
         spec = specs.DesignSpec(**job.spec)
         source = self.data.source(spec.campaign)
         known = source.known
-        start = time.perf_counter()
-        last = 0.0
-
-        def say(sentence: str) -> None:
-            nonlocal last
-            if time.perf_counter() - last > REPORT_EVERY_S:
-                last = time.perf_counter()
-                if not self.store.report(job, {"message": sentence, "elapsed_s": last - start}):
-                    raise Cancelled
-
+        say = _Sentences(self, job)
         say("searching")
         _, _, budget = self.settings.campaign()
         made = design_answers.make_designs(
@@ -162,35 +154,62 @@ class Worker:
             lambda row: say(f"searching, trial {row['trial']}"),
             spec.measured,
         )
-        # finished releases are kept between attempts; the folder's name is an id of this service
-        work = self.settings.state / "outcomes" / job.id
-        with tempfile.TemporaryDirectory() as name:
+        with self._kept(job) as work, tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            try:
-                verdicts = design_answers.verify_request(
-                    spec.request,
-                    made.settings,
-                    known.chip,
-                    known.model,
-                    known.tables,
-                    work=work,
-                    files=folder / "files",
-                    progress=say,
-                    measured=spec.measured,
-                )
-                design_answers.write_designs(made, known, folder, verdicts)
-            except (DldsimError, Cancelled):
-                shutil.rmtree(work, ignore_errors=True)
-                raise
+            verdicts = design_answers.verify_request(
+                spec.request,
+                made.settings,
+                known.chip,
+                known.model,
+                known.tables,
+                work=work,
+                files=folder / "files",
+                progress=say,
+                measured=spec.measured,
+            )
+            design_answers.write_designs(made, known, folder, verdicts)
             files = files_of(folder, spec.name)
-        result = answers.Verdict(
-            state="done",
-            message="",
-            elapsed_s=time.perf_counter() - start,
-            designs=table_rows("verified_designs", verdicts.designs),
-            verifications=table_rows("verifications", verdicts.verifications),
-        )
-        self.store.finish(job, result=result.model_dump_json(), files=files)
+            result = answers.Verdict(
+                state="done",
+                message="",
+                elapsed_s=say.elapsed_s,
+                designs=table_rows("verified_designs", verdicts.designs),
+                verifications=table_rows("verifications", verdicts.verifications),
+            )
+            self.store.finish(job, result=result.model_dump_json(), files=files)
+
+    def _check(self, job: Job) -> None:
+        spec = outcome_specs.CheckSpec(**job.spec)
+        source = self.data.source(spec.campaign)
+        asked, designs, found = outcomes_of(spec, source)
+        with self._kept(job) as work:
+            tables = outcome_answers.check_by_simulation(
+                asked,
+                designs[0],
+                found[0],
+                source.known,
+                spec.simulate,
+                spec.seed,
+                work,
+                _Sentences(self, job),
+                processes=1,  # of the pool, which ends with the service
+            )
+            result = answers.CheckAnswer(
+                **answer_of(asked, designs, found, source),
+                **{kind: table_rows(kind, table) for kind, table in tables.items()},
+            )
+            self.store.finish(job, result=result.model_dump_json())
+
+    @contextlib.contextmanager
+    def _kept(self, job: Job) -> Iterator[Path]:
+        """Folder of what a job has simulated, kept between its attempts: until it is done or
+        cancelled, or cannot be done. Its name is an id of this service."""
+        work = self.settings.state / "outcomes" / job.id
+        try:
+            yield work
+        except (DldsimError, Cancelled):
+            shutil.rmtree(work, ignore_errors=True)
+            raise
         shutil.rmtree(work, ignore_errors=True)
 
     def _campaign(self, job: Job) -> None:
@@ -199,6 +218,25 @@ class Worker:
         about = source.provenance.model_dump_json()
         text = json.dumps(answers.finite(card))
         self.store.finish(job, result=f'{{"card":{text},"provenance":{about}}}', parts=parts)
+
+
+class _Sentences:
+    """Notes what a simulation says in the store, a few times a second."""
+
+    def __init__(self, worker: Worker, job: Job):
+        self.worker, self.job = worker, job
+        self.start, self.last = time.perf_counter(), 0.0
+
+    @property
+    def elapsed_s(self) -> float:
+        return time.perf_counter() - self.start
+
+    def __call__(self, sentence: str) -> None:
+        if time.perf_counter() - self.last > REPORT_EVERY_S:
+            self.last = time.perf_counter()
+            said = {"message": sentence, "elapsed_s": self.elapsed_s}
+            if not self.worker.store.report(self.job, said):
+                raise Cancelled
 
 
 class _Course:
@@ -288,14 +326,6 @@ def result_of(made: design_answers.Made, source) -> dict[str, Any]:
         "slices": table_rows("design_slices", found.slices),
         "at_outlets": at_outlets(made.devices, made.notes),
         "warnings": warnings_of(made, source),
-    }
-
-
-def at_outlets(devices: Sequence[DeviceOutcome], notes: Sequence[str]) -> dict[str, Any]:
-    """What leaves some devices, as an answer."""
-    tables = tables_of(devices)
-    return {kind: table_rows(kind, table) for kind, table in tables.items()} | {
-        "notes": list(notes)
     }
 
 

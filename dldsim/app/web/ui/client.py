@@ -129,6 +129,18 @@ def outcome(spec: Mapping[str, Any]) -> answers.OutcomeAnswer:
     return _ask(answers.OutcomeAnswer, "POST", "/outcome", json=spec)
 
 
+def check(spec: Mapping[str, Any]) -> answers.CheckStatus:
+    return _ask(answers.CheckStatus, "POST", "/checks", json=spec)
+
+
+def checked(identifier: str) -> answers.CheckStatus:
+    return _ask(answers.CheckStatus, "GET", f"/checks/{identifier}")
+
+
+def cancel_check(identifier: str) -> answers.CheckStatus:
+    return _ask(answers.CheckStatus, "DELETE", f"/checks/{identifier}")
+
+
 def predict(spec: Mapping[str, Any]) -> answers.Prediction:
     return _ask(answers.Prediction, "POST", "/predict", json=spec)
 

@@ -130,7 +130,7 @@ def _options(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) 
         put("tolerance_um", "Fabrication tolerance ±")
         put("sample_min_uL_per_h", "Least flow of the sample", empty="no limit")
         if state.get("form:objective") == "purity-recovery":
-            put("footprint_max_mm2", "Largest area of the array", empty="the device's own length")
+            put("footprint_max_mm2", "Largest area of the array", empty="no limit")
     with second:
         st.markdown("**Objective**")
         for name, words in (("objective", OBJECTIVES), ("sampler", SAMPLERS)):
@@ -143,14 +143,6 @@ def _options(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) 
                 help=plain(fields[name].description),
             )
             at_field("design", name)
-        state.setdefault("form:verify", False)
-        found["verify"] = st.toggle(
-            "Simulate the best designs afterwards",
-            key="form:verify",
-            help=plain(fields["verify"].description),
-        )
-        if found["verify"]:
-            put("height_tolerance_um", "Tolerance of the channel height ±")
     with third:
         st.markdown("**Search**")
         if found["sampler"] == "tpe":
@@ -169,6 +161,15 @@ def _options(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) 
             max_chars=40,
             help=plain(fields["name"].description),
         )
+    # below the columns, which would cut its label in a narrow window
+    state.setdefault("form:verify", False)
+    found["verify"] = st.toggle(
+        "Simulate the best designs afterwards",
+        key="form:verify",
+        help=plain(fields["verify"].description),
+    )
+    if found["verify"]:
+        put("height_tolerance_um", "Tolerance of the channel height ±")
     return found
 
 

@@ -11,6 +11,7 @@ from dldsim.app.web.ui import (
     chart_style,
     client,
     in_domain,
+    outcome_page,
     outlets_chapter,
     parts,
     search_charts,
@@ -142,13 +143,26 @@ def show(info: answers.ModelInfo, status: answers.DesignStatus) -> None:
         status, design, [t.model_dump() for t in result.tolerances if t.design == design["design"]]
     )
     if result.at_outlets is not None:
-        outlets_chapter.show(
-            result.at_outlets, outlets_chapter.device(status.spec.name, design), status.id
-        )
+        name = outlets_chapter.device(status.spec.name, design)
+        outlets_chapter.show(result.at_outlets, name, status.id)
+        outlets_chapter.notes(result.at_outlets)
+        _to_outcome(status, design, name)
     _downloads(status, design["design"])
     _search(status, designs, trials)
     _in_domain(info, result.request, designs)
     _verification(status)
+
+
+def _to_outcome(status: answers.DesignStatus, design: dict[str, Any], device: str) -> None:
+    """Take a candidate to the page where its device can be changed and its cells simulated."""
+    if st.button("Change or simulate it on the page Outcome", icon=":material/call_split:"):
+        lengths = [
+            row.array_length_mm
+            for row in status.result.at_outlets.device_outcomes
+            if row.device == device
+        ]
+        outcome_page.take(status.spec, design, lengths[0] if lengths else None)
+        st.switch_page(st.Page(outcome_page.page, url_path="outcome"))
 
 
 def _candidate(status: answers.DesignStatus, design: Mapping[str, Any], tolerances: list) -> None:

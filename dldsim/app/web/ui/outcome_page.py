@@ -1,11 +1,11 @@
-"""Second page: what comes out of a device with an array of one's own."""
+"""Second page: what comes out of a device with an array of one's own, or of two in a row."""
 
 from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import answers, specs
-from dldsim.app.web.ui import cells_form, client, outlets_chapter, parts
+from dldsim.app.web.api import answers, outcome_specs, specs
+from dldsim.app.web.ui import cells_form, check_chapter, client, outlets_chapter, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number
 
@@ -34,9 +34,13 @@ def page() -> None:
     st.title("What comes out of a device")
     info = parts.read_model()
     parts.provenance(info.provenance)
-    fields = {f.name: f for f in answers.limits_of(specs.OutcomeSpec)}
+    check = check_chapter.current()
+    if check is not None and "form:outcome_gap_um" not in st.session_state:
+        _fill(check.spec)
+    fields = {f.name: f for f in answers.limits_of(outcome_specs.OutcomeSpec)}
     spec = cells_form.show(PLACE, info, fields)
-    spec |= _array(info, fields)
+    spec |= _first(info, fields)
+    spec |= _second(info, fields)
     if parts.campaign() is not None:
         spec["campaign"] = parts.campaign()
     parts.show_problem(PLACE)
@@ -51,33 +55,73 @@ def page() -> None:
         st.rerun()
     if "outcome" in st.session_state:
         _answer(spec, *st.session_state["outcome"])
+    if check is not None:
+        if "outcome" not in st.session_state:
+            st.divider()
+            st.subheader("Simulated check")
+        check_chapter.show(check)
 
 
-def _array(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]:
-    """Fields of the array and, under more, of the device and the draws."""
+def take(spec: specs.DesignSpec, design: dict[str, Any], array_length_mm: float | None) -> None:
+    """Put the cells of a design request and the array of a candidate into the form."""
+    cells_form.fill(spec.model_dump())
+    for name in ARRAY:
+        st.session_state[f"form:outcome_{name}"] = design[name]
+    st.session_state["form:outcome_array_length_mm"] = array_length_mm
+    for name in DRAWN:
+        st.session_state[f"form:outcome_{name}"] = getattr(spec, name)
+
+
+def _fill(spec: outcome_specs.CheckSpec) -> None:
+    """Put the request of a check into the form, for one who comes back to it."""
+    given = spec.model_dump()
+    cells_form.fill(given)
+    for name in (*ARRAY, *DEVICE, *DRAWN):
+        st.session_state[f"form:outcome_{name}"] = given[name]
+    st.session_state["form:simulate"] = given["simulate"]
+
+
+def _array(fields: cells_form.Fields, form: str) -> dict[str, Any]:
+    """Fields of an array."""
     spec: dict[str, Any] = {}
+    for (name, (label, default)), column in zip(ARRAY.items(), st.columns(3), strict=True):
+        with column:
+            whole = name == "periodicity"
+            spec[name] = number(fields[name], label, f"form:{form}_{name}", default, whole=whole)
+            if form == PLACE:
+                at_field(PLACE, name)
+    return spec
+
+
+def _device(
+    info: answers.ModelInfo, fields: cells_form.Fields, form: str, *names: str
+) -> dict[str, Any]:
+    """Fields of the device around an array."""
+    spec: dict[str, Any] = {}
+    for name in names:
+        own = info.device.get(name)
+        spec[name] = number(
+            fields[name],
+            DEVICE[name],
+            f"form:{form}_{name}",
+            None,
+            whole=name == "outlets",
+            empty="the service's" if own is None else f"{own:g}",
+        )
+        if form == PLACE:
+            at_field(PLACE, name)
+    return spec
+
+
+def _first(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]:
+    """Fields of the first array and, under more, of its device and the draws."""
     with st.container(border=True):
         st.markdown("**Array**")
-        for (name, (label, default)), column in zip(ARRAY.items(), st.columns(3), strict=True):
-            with column:
-                whole = name == "periodicity"
-                key = f"form:outcome_{name}"
-                spec[name] = number(fields[name], label, key, default, whole=whole)
-                at_field(PLACE, name)
+        spec = _array(fields, PLACE)
     with st.expander("More about the device and the draws"):
         left, right = st.columns(2)
         with left:
-            for name, label in DEVICE.items():
-                own = info.device.get(name)
-                spec[name] = number(
-                    fields[name],
-                    label,
-                    f"form:outcome_{name}",
-                    None,
-                    whole=name == "outlets",
-                    empty="the service's" if own is None else f"{own:g}",
-                )
-                at_field(PLACE, name)
+            spec |= _device(info, fields, PLACE, *DEVICE)
         with right:
             for name, label in DRAWN.items():
                 spec[name] = number(
@@ -91,6 +135,32 @@ def _array(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]
     return spec
 
 
+def _second(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]:
+    """Fields of a second device, if one is wanted."""
+    wanted = st.toggle(
+        "A second device behind an outlet (cascade)",
+        key="form:cascade",
+        help="What leaves an outlet of the first device is the sample of the second.",
+    )
+    if not wanted:
+        return {}
+    inner = {f.name: f for f in answers.limits_of(outcome_specs.DeviceSpec)}
+    with st.container(border=True):
+        st.markdown("**Second array**")
+        outlet = number(fields["from_outlet"], "Fed by outlet", "form:from_outlet", 2, whole=True)
+        at_field(PLACE, "from_outlet")
+        then = _array(inner, "then")
+        with st.expander("More about the second device"):
+            left, right = st.columns(2)
+            names = list(DEVICE)
+            with left:
+                then |= _device(info, inner, "then", *names[:3])
+            with right:
+                then |= _device(info, inner, "then", *names[3:])
+        at_field(PLACE, "then")
+    return {"then": then, "from_outlet": outlet}
+
+
 def _answer(spec: dict[str, Any], asked: dict[str, Any], found: answers.OutcomeAnswer) -> None:
     st.divider()
     if asked != spec:
@@ -98,4 +168,11 @@ def _answer(spec: dict[str, Any], asked: dict[str, Any], found: answers.OutcomeA
     if found.provenance.campaign != parts.campaign():
         parts.provenance(found.provenance)
     parts.warn(filter(None, [found.doubt]))
-    outlets_chapter.show(found, found.device_outcomes[0].device, "own")
+    names = list(dict.fromkeys(row.device for row in found.device_outcomes))
+    for stage, name in enumerate(names, start=1):
+        title = "At the outlets"
+        if len(names) > 1:
+            title += f" of the {('first', 'second')[stage - 1]} device"
+        outlets_chapter.show(found, name, f"own-{stage}", title)
+    outlets_chapter.notes(found)
+    check_chapter.ask(asked)

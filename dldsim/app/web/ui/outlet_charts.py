@@ -73,6 +73,64 @@ def fan(
     return figure
 
 
+BINS = 16
+"""Intervals of the histogram of simulated cells."""
+
+
+def checked(exits: Sequence[Row], cells: Sequence[Row], cut_um: float) -> go.Figure:
+    """Predicted and simulated exits, a panel for each cell type."""
+    left = [c["exit_um"] for c in cells if c["exit_um"] is not None]
+    used = [r for r in exits if r["cells_high"] > 1e-3]
+    low = min([*left, *(r["low_um"] for r in used), cut_um])
+    high = max([*left, *(r["high_um"] for r in used), cut_um])
+    width = (high - low) / BINS or 1.0
+    middles = [low + (i + 0.5) * width for i in range(BINS)]
+
+    def binned(places: Sequence[float], weights: Sequence[float]) -> list[float]:
+        shares = [0.0] * BINS
+        for place, weight in zip(places, weights, strict=True):
+            if low <= place <= high:
+                shares[min(int((place - low) / width), BINS - 1)] += weight
+        return shares
+
+    titles = [f"cell type {p}" for p in (1, 2)]
+    figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.12, subplot_titles=titles)
+    figure.update_layout(template=TEMPLATE, height=430, barmode="overlay", bargap=0)
+    for k, colour in enumerate(CELL):
+        mine = [c for c in cells if c["population"] == k + 1]
+        places = [c["exit_um"] for c in mine if c["exit_um"] is not None]
+        predicted = [r for r in exits if r["population"] == k + 1]
+        for name, shares, marker in (
+            (
+                "predicted",
+                binned(
+                    [(r["low_um"] + r["high_um"]) / 2 for r in predicted],
+                    [r["cells"] for r in predicted],
+                ),
+                {"color": _faint(colour, 0.3), "line": {"width": 0}},
+            ),
+            (
+                "simulated",
+                binned(places, [1 / max(len(mine), 1)] * len(places)),
+                {"color": _faint(colour, 0.0), "line": {"color": colour, "width": 2}},
+            ),
+        ):
+            figure.add_bar(
+                x=middles,
+                y=shares,
+                width=width,
+                marker=marker,
+                name=f"{name}, type {k + 1}",
+                hovertemplate="%{x:.0f} µm: %{y:.1%}<extra></extra>",
+                row=k + 1,
+                col=1,
+            )
+        figure.add_vline(x=cut_um, line={"color": "black"}, row=k + 1, col=1)
+    figure.update_yaxes(title_text="share of cells")
+    figure.update_xaxes(title_text="above the lower side wall [µm]", row=2, col=1)
+    return figure
+
+
 def window(positions: Sequence[Row], outlets: Sequence[Row]) -> tuple[float, float]:
     """Part of the width [µm] that holds the cells and all inner walls, with a margin."""
     walls = [r["low_um"] for r in outlets][1:]

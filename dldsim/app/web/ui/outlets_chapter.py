@@ -24,9 +24,9 @@ def smallest(found: answers.AtOutlets | None) -> dict[str, float]:
     return {row.device: 100 * row.purity_recovery for row in rows}
 
 
-def show(found: answers.AtOutlets, name: str, key: str) -> None:
+def show(found: answers.AtOutlets, name: str, key: str, title: str = "At the outlets") -> None:
     """The chapter of one device of those that were looked at."""
-    st.subheader("At the outlets")
+    st.subheader(title)
     results, outlets, positions, exits = (
         [row.model_dump() for row in rows if row.device == name]
         for rows in (
@@ -50,6 +50,10 @@ def show(found: answers.AtOutlets, name: str, key: str) -> None:
     if results:
         _shares(results, outlets, key)
         _downloads(found, results, outlets, name, key)
+
+
+def notes(found: answers.AtOutlets) -> None:
+    """What to know of the cells of all devices."""
     for note in found.notes:
         st.caption(f":material/info: {plain(note)}")
 
@@ -62,6 +66,7 @@ def _shares(results: Sequence[Mapping], outlets: Sequence[Mapping], key: str) ->
                 "outlet": r["outlet"],
                 "purity": interval(r, "purity"),
                 "recovery": interval(r, "recovery"),
+                "of_sample": 100 * r["recovery_of_sample"],
                 "enrichment": r["enrichment"],
                 "lost": 100 * r["lost"],
                 "extrapolated": 100 * r["extrapolated"],
@@ -73,6 +78,7 @@ def _shares(results: Sequence[Mapping], outlets: Sequence[Mapping], key: str) ->
             "outlet": ("outlet", ""),
             "purity": ("purity (90 % interval)", ""),
             "recovery": ("recovery (90 % interval)", ""),
+            **({"of_sample": ("of the sample", "%.1f %%")} if results[0]["stage"] > 1 else {}),
             "enrichment": ("enrichment", "%.3g"),
             "lost": ("clog", "%.1f %%"),
             "extrapolated": ("not learnt", "%.0f %%"),
@@ -117,17 +123,24 @@ def _downloads(
 ) -> None:
     whole = {"device": name, "device_outcomes": results, "device_outlets": outlets}
     whole |= {"notes": found.notes}
+    downloads("Outcome", f"{name}-outcome".replace(" ", "-"), whole, results, key)
+
+
+def downloads(
+    label: str, name: str, whole: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], key: str
+) -> None:
+    """Buttons for everything as JSON, and some rows as CSV."""
     with st.container(horizontal=True):
-        for label, text, ending, kind in (
-            ("Outcome (JSON)", json.dumps(whole, ensure_ascii=False, indent=1), "json", "json"),
-            ("Outcome (CSV)", as_csv(results), "csv", "csv"),
+        for kind, text in (
+            ("json", json.dumps(whole, ensure_ascii=False, indent=1)),
+            ("csv", as_csv(rows)),
         ):
             st.download_button(
-                label,
+                f"{label} ({kind.upper()})",
                 text,
-                f"{name}-outcome.{ending}",
+                f"{name}.{kind}",
                 f"{'text' if kind == 'csv' else 'application'}/{kind}",
-                key=f"outcome-{kind}-{key}-{name}",
+                key=f"{name}-{kind}-{key}",
                 on_click="ignore",
                 icon=":material/download:",
             )

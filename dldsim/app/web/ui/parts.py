@@ -252,7 +252,7 @@ def use_campaign(identifier: str | None) -> None:
 
 def settle_address() -> None:
     """Take ids from the page's address into the session, and put those of the session there."""
-    for name in ("campaign", "design"):
+    for name in ("campaign", "design", "check"):
         given = st.query_params.get(name)
         if given and re.fullmatch(specs.UUID, given):
             if name == "campaign" and given != campaign():

@@ -1,9 +1,12 @@
 """The page for real: API, page and Chromium without a screen, from request to download and error.
 
-    sh tests/app/web/ui_browser.sh      # installs Debian's chromium and playwright, then runs this
+    apt-get install chromium && pip install playwright      # Debian's browser drives well
+    python -m pytest -m browser tests/app/web -s
+    DLDSIM_WEB_TEST_SHOTS=docs/images python -m pytest -m browser tests/app/web -k pictures
 
-DLDSIM_WEB_TEST_RESULTS names the campaign; without it, the one that comes with the package.
-DLDSIM_WEB_TEST_SHOTS names a folder for pictures of what was seen.
+The last draws the pictures of docs/web.md anew. DLDSIM_WEB_TEST_RESULTS names the campaign; without
+it, the one that comes with the package. DLDSIM_WEB_TEST_SHOTS names a folder for pictures of what
+was seen.
 """
 
 import hashlib
@@ -20,8 +23,7 @@ from pathlib import Path
 
 import pytest
 
-playwright = pytest.importorskip("playwright.sync_api")
-pytestmark = pytest.mark.service
+pytestmark = pytest.mark.browser
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
@@ -36,6 +38,8 @@ FLAGS = [
 WAIT_S = float(os.environ.get("DLDSIM_WEB_TEST_LIMIT_S", 300))
 SHOTS = os.environ.get("DLDSIM_WEB_TEST_SHOTS")
 WIDTH, HEIGHT = 1400, 1000
+WIDTHS = (400, 1000, 1600)
+"""Of a telephone, a small and a large window."""
 ERROR = '[data-testid="stAlert"]'
 
 
@@ -109,7 +113,9 @@ def service(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    assert CHROMIUM, "chromium is not installed: sh tests/app/web/ui_browser.sh"
+    playwright = pytest.importorskip("playwright.sync_api")
+    if not CHROMIUM:
+        pytest.skip("chromium is not installed")
     with playwright.sync_playwright() as driver:
         found = driver.chromium.launch_persistent_context(
             tmp_path_factory.mktemp("profile"),
@@ -156,6 +162,13 @@ def settled(tab) -> None:
     tab.wait_for_timeout(500)
 
 
+def heading(tab, name: str) -> None:
+    """Wait for a heading; what is refused in its place is told at once."""
+    found = tab.get_by_role("heading", name=name)
+    found.or_(tab.locator(ERROR).filter(has_text="request")).first.wait_for()
+    assert found.count(), tab.locator(ERROR).all_inner_texts()
+
+
 def press(tab, name: str) -> None:
     tab.get_by_role("button", name=name, exact=False).first.click()
 
@@ -167,21 +180,54 @@ def fill(tab, label: str, value: str, place: int = 0) -> None:
     settled(tab)
 
 
-def shoot(tab, name: str) -> None:
+def shoot(tab, name: str, tallest: int = 8000) -> None:
     """A picture of the whole page."""
     if SHOTS is None:
         return
+    width = tab.viewport_size["width"]
     height = tab.evaluate("document.querySelector('[data-testid=stMain]').scrollHeight")
-    tab.set_viewport_size({"width": WIDTH, "height": min(height + 20, 8000)})
+    tab.set_viewport_size({"width": width, "height": min(height + 20, tallest)})
     tab.wait_for_timeout(2500)
     tab.screenshot(path=Path(SHOTS) / f"web-{name}.png")
-    tab.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+    tab.set_viewport_size({"width": width, "height": HEIGHT})
+
+
+def download(tab, label: str) -> tuple[str, bytes]:
+    """Name and content of what a button downloads; tables have a download of their own."""
+    with tab.expect_download() as waiting:
+        tab.locator('[data-testid="stDownloadButton"] button').filter(has_text=label).first.click()
+    return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
+
+
+def beside(tab) -> list[str]:
+    """What stands beyond the right edge of the window, where nobody sees it."""
+    return tab.evaluate(
+        """() => [...document.querySelectorAll('[data-testid=stMain] *')].filter(e => {
+            const box = e.getBoundingClientRect();
+            return box.width > 0 && box.right > window.innerWidth + 2
+                && !e.closest('[data-testid=stDataFrame],[data-testid=stCode],table')
+                && getComputedStyle(e).visibility == 'visible';
+        }).map(e => e.tagName + ' ' + (e.dataset.testid || e.className) + ': '
+            + e.textContent.slice(0, 40))"""
+    )
 
 
 def asked(service, identifier: str, method: str = "GET", path: str = "/designs/") -> dict:
     request = urllib.request.Request(service[0].base + "/api/v1" + path + identifier, method=method)
     with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
         return json.load(answer)
+
+
+def look(tab, name: str) -> None:
+    """At the page in all WIDTHS: nothing lies beyond the right edge."""
+    before = tab.viewport_size
+    for width in WIDTHS:
+        tab.set_viewport_size({"width": width, "height": HEIGHT})
+        settled(tab)
+        shoot(tab, f"{name}-{width}")
+        assert beside(tab) == [], width
+    tab.set_viewport_size(before)
+    settled(tab)
 
 
 def test_request_course_dashboard_and_downloads(tab, service):
@@ -192,7 +238,7 @@ def test_request_course_dashboard_and_downloads(tab, service):
     tab.get_by_text("Searching").wait_for()
     tab.locator(".js-plotly-plot:visible").first.wait_for()  # the course, while the search runs
     shoot(tab, "live")
-    tab.get_by_role("heading", name="Ranked candidates").wait_for()
+    heading(tab, "Ranked candidates")
     sys.stdout.write(f"click to dashboard: {time.monotonic() - start:.1f} s\n")
     settled(tab)
     shoot(tab, "dashboard")
@@ -212,20 +258,115 @@ def test_request_course_dashboard_and_downloads(tab, service):
     files = {f["name"]: f for f in status["files"] if f["candidate"] in (1, None)}
     assert {f["kind"] for f in files.values()} == {"json", "csv", "gds", "dxf", "report"}
     for kind, label in (
-        ("json", "JSON"),
-        ("csv", "CSV"),
+        ("json", "JSON, "),
+        ("csv", "CSV, "),
         ("gds", "GDSII"),
         ("dxf", "DXF"),
         ("report", "Report (HTML)"),
     ):
-        with tab.expect_download() as waiting:  # tables have a download of their own
-            tab.locator('[data-testid="stDownloadButton"] button').filter(
-                has_text=label
-            ).first.click()
-        given = waiting.value
-        content = Path(given.path()).read_bytes()
-        assert files[given.suggested_filename]["kind"] == kind
-        assert hashlib.sha256(content).hexdigest() == files[given.suggested_filename]["sha256"]
+        name, content = download(tab, label)
+        assert files[name]["kind"] == kind
+        assert hashlib.sha256(content).hexdigest() == files[name]["sha256"]
+
+
+def test_from_two_populations_to_mask_and_outcome(tab, service):
+    """Two sizes of cells by mean and scatter, designs for their outlets, the mask of the first, its
+    outcome with a second array behind it, and what of it can be taken home."""
+    tab.set_viewport_size({"width": min(WIDTHS), "height": HEIGHT})
+    opened(tab, service)
+    for place, (radius, spread) in enumerate((("4.5", "0.2"), ("7.5", "0.4"))):
+        tab.get_by_text("stiffness set", exact=True).nth(place).click()
+        settled(tab)
+        fill(tab, "Cell radius R", radius, place)
+        fill(tab, "± SD of the radius", spread, place)
+    tab.get_by_text("Constraints, objective and search").click()
+    tab.get_by_text("purity and recovery", exact=True).click()
+    settled(tab)
+    look(tab, "path-form")
+    start = time.monotonic()
+    press(tab, "Search for designs")
+    heading(tab, "Ranked candidates")
+    sys.stdout.write(f"click to dashboard: {time.monotonic() - start:.1f} s\n")
+    settled(tab)
+    look(tab, "path-design")
+    status = asked(service, tab.url.split("design=")[1].split("&")[0])
+    found = status["result"]["at_outlets"]["device_outcomes"][0]
+    name, content = download(tab, "GDSII")
+    assert content[:2] == b"\x00\x06" and name.endswith(".gds")  # the head of a stream file
+    press(tab, "Change or simulate it on the page Outcome")
+    tab.get_by_role("heading", name="What comes out of a device").wait_for()
+    settled(tab)
+    press(tab, "Compute the outcome")
+    heading(tab, "At the outlets")
+    settled(tab)
+    name, content = download(tab, "Outcome (JSON)")
+    again = json.loads(content)["device_outcomes"][0]
+    assert abs(again["array_length_mm"] - found["array_length_mm"]) < 1e-6
+    assert abs(again["radius_mean_um"] - found["radius_mean_um"]) < 0.05
+    tab.get_by_text("A second device behind an outlet").click()
+    settled(tab)
+    press(tab, "Compute the outcome")
+    heading(tab, "At the outlets of the second device")
+    settled(tab)
+    name, content = download(tab, "Outcome (CSV)")
+    assert content.decode().startswith("request,device,stage,population,outlet,purity")
+    look(tab, "path-outcome")
+
+
+def test_cells_are_simulated_beside_their_prediction(tab, service):
+    opened(tab, service)
+    tab.get_by_role("link", name="Outcome").click()
+    tab.get_by_role("heading", name="What comes out of a device").wait_for()
+    settled(tab)
+    for place, radius in enumerate(("6", "8.5")):
+        tab.get_by_text("stiffness set", exact=True).nth(place).click()
+        settled(tab)
+        fill(tab, "Cell radius R", radius, place)
+    fill(tab, "Pillar radius P_r", "8.91")
+    fill(tab, "Gap P_g", "12.06")
+    fill(tab, "Periodicity N_p", "6")
+    press(tab, "Compute the outcome")
+    heading(tab, "Simulated check")
+    settled(tab)
+    fill(tab, "Cells to simulate", "2")
+    press(tab, "Simulate them")
+    tab.get_by_text("The result appears here").wait_for()
+    tab.get_by_text("Simulating").wait_for()
+    shoot(tab, "check-running")
+    address = tab.url
+    assert "check=" in address
+    tab.get_by_text("simulated cells leave by its outlet").first.wait_for()
+    settled(tab)
+    shoot(tab, "check")
+    name, content = download(tab, "Simulated cells (CSV)")
+    assert len(content.decode().splitlines()) == 1 + 2
+    tab.goto(address)  # as one who comes back to it tomorrow
+    tab.get_by_text("simulated cells leave by its outlet").first.wait_for()
+
+
+@pytest.mark.skipif(SHOTS is None, reason="DLDSIM_WEB_TEST_SHOTS names no folder")
+def test_pictures_of_the_docs(tab, service):
+    tab.set_viewport_size({"width": 1000, "height": HEIGHT})
+    opened(tab, service)
+    for place, radius in enumerate(("6", "9")):
+        tab.get_by_text("stiffness set", exact=True).nth(place).click()
+        settled(tab)
+        fill(tab, "Cell radius R", radius, place)
+    press(tab, "Search for designs")
+    heading(tab, "Ranked candidates")
+    settled(tab)
+    shoot(tab, "design", 1800)
+    press(tab, "Change or simulate it on the page Outcome")
+    tab.get_by_role("heading", name="What comes out of a device").wait_for()
+    settled(tab)
+    press(tab, "Compute the outcome")
+    heading(tab, "At the outlets")
+    settled(tab)
+    shoot(tab, "outcome", 1800)
+    tab.get_by_role("link", name="Campaign").click()
+    tab.get_by_text("Hollow").wait_for()
+    settled(tab)
+    shoot(tab, "campaign", 1400)
 
 
 def test_address_brings_a_design_back(tab, service):
@@ -381,4 +522,4 @@ def test_api_that_is_gone_is_said_and_comes_back(tab, service):
     service[0].start()
     service[0].wait("/api/v1/health")
     press(tab, "Search for designs")
-    tab.get_by_role("heading", name="Ranked candidates").wait_for()
+    heading(tab, "Ranked candidates")
