@@ -267,8 +267,9 @@ def test_on_a_finer_mesh_it_has_the_same_shape(scene):
     here, there = other.sample(), made.sample()
     spacings = array.spacing_um, made.units.spacing_um
     assert other.vertices > 1.5 * made.vertices and other.blend == at_rest
+    # Of a hundred vertices, none of which need be where the shape is widest.
     np.testing.assert_allclose(
-        here.extent * spacings[0], there.extent * spacings[1], rtol=0, atol=0.05
+        here.extent * spacings[0], there.extent * spacings[1], rtol=0, atol=0.3
     )
     assert here.volume_ratio == pytest.approx(there.volume_ratio, abs=2e-3)
     assert here.area_ratio == pytest.approx(there.area_ratio, abs=2e-3)
