@@ -15,6 +15,7 @@ from dldsim.experiments.array_scene import make_scene
 from dldsim.experiments.migration import mode_of
 from dldsim.experiments.settled import RELEASE, SETTLED_CELL, load, row_origin, save
 from dldsim.solver.flow import array_of, solve_empty_array
+from dldsim.solver.time_step import refined
 
 SET_1 = Stiffness(
     ks_uN_per_m=5.1,
@@ -24,7 +25,7 @@ SET_1 = Stiffness(
     kv_Pa=900,
     kvisc_nN_s_per_m=1.5,
 )
-BUMPS = Geometry(pillar_radius_um=4, gap_um=6, periodicity=6)
+BUMPS = Geometry(pillar_radius_um=4, gap_um=5.5, periodicity=6)
 ZIGZAGS = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 CELL, FLOW = Cell(radius_um=4.0), Flow(height_um=10.0)
 CELLS = {BUMPS: CELL, ZIGZAGS: Cell(radius_um=4.0, shape="sphere")}
@@ -36,7 +37,15 @@ CONTROL = RunControl(max_rows=30, release_gap_fractions=[0.5, 0.35])
 
 def outcome(geometry, numerics, **options):
     return simulate_outcome(
-        geometry, SET_1, CELL, FLOW, numerics, CONTROL, outcome_id="r", stiffness_set="1", **options
+        geometry,
+        SET_1,
+        CELLS[geometry],
+        FLOW,
+        numerics,
+        CONTROL,
+        outcome_id="r",
+        stiffness_set="1",
+        **options,
     )
 
 
@@ -51,7 +60,15 @@ def test_on_the_same_lattice_a_settled_motion_goes_on(coarse):
     assert before.row["status"] == "decided" and before.start == RELEASE
     cell = before.settled[0.5]
     again = simulate_run(
-        geometry, SET_1, CELL, FLOW, COARSE, CONTROL, run_id="r", stiffness_set="1", start=cell
+        geometry,
+        SET_1,
+        CELLS[geometry],
+        FLOW,
+        COARSE,
+        CONTROL,
+        run_id="r",
+        stiffness_set="1",
+        start=cell,
     )
     row, first = again.row, before.runs[0.5].row
     width = first["angle_high_deg"] - first["angle_low_deg"]
@@ -216,7 +233,7 @@ def scene():
     """A cell between pillars, deformed, two rows on."""
     empty = solve_empty_array(ZIGZAGS, FLOW, COARSE)
     array = array_of(empty)
-    made = make_scene(array, empty.slower(4), SET_1, CELL, FLOW, COARSE)
+    made = make_scene(array, empty.slower(4), SET_1, CELL, FLOW, refined(COARSE, 4))
     made.advance(600)
     return made, array, empty
 
@@ -250,8 +267,9 @@ def test_on_a_finer_mesh_it_has_the_same_shape(scene):
     here, there = other.sample(), made.sample()
     spacings = array.spacing_um, made.units.spacing_um
     assert other.vertices > 1.5 * made.vertices and other.blend == at_rest
+    # Of a hundred vertices, none of which need be where the shape is widest.
     np.testing.assert_allclose(
-        here.extent * spacings[0], there.extent * spacings[1], rtol=0, atol=0.05
+        here.extent * spacings[0], there.extent * spacings[1], rtol=0, atol=0.3
     )
     assert here.volume_ratio == pytest.approx(there.volume_ratio, abs=2e-3)
     assert here.area_ratio == pytest.approx(there.area_ratio, abs=2e-3)
@@ -274,7 +292,7 @@ def test_half_a_scene_refuses_a_lopsided_cell(scene):
 @pytest.mark.parametrize(
     ("changed", "key"),
     [
-        ({"geometry": BUMPS}, "geometry.gap_um"),
+        ({"geometry": ZIGZAGS.model_copy(update={"gap_um": 11.0})}, "geometry.gap_um"),
         ({"stiffness": SET_1.model_copy(update={"ks_uN_per_m": 6.0})}, "stiffness.ks_uN_per_m"),
         ({"cell": Cell(radius_um=4.5)}, "cell.radius_um"),
         ({"cell": Cell(radius_um=4.0, axis="x")}, "cell.axis"),
@@ -287,7 +305,7 @@ def test_a_cell_of_another_run_is_refused_by_name(scene, changed, key):
         simulate_run(
             *parts.values(), COARSE, CONTROL, run_id="r", stiffness_set="1", start=cell_of(scene)
         )
-    assert caught.value.key == [key]
+    assert caught.value.key == key
 
 
 def test_cells_come_back_from_their_file(scene, tmp_path, monkeypatch):
