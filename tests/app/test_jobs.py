@@ -259,7 +259,7 @@ def test_a_bug_stops(error, files, monkeypatch, tmp_path):
     """It is no row that the analyses go on without; likewise in the other jobs."""
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", crash(error))
     monkeypatch.setattr("dldsim.experiments.assays.simulate_passage", crash(error))
-    monkeypatch.setattr("dldsim.experiments.array_run.simulate_run", crash(error))
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", crash(error))
     with pytest.raises(type(error)):
         jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
     with pytest.raises(type(error)):
