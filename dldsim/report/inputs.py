@@ -29,7 +29,8 @@ TABLES = {
         *(
             kind
             for kind, table in registry.TABLES.items()
-            if table.file and kind not in (*STUDIES, "critical_gaps", "survey_plan")
+            if table.file
+            and kind not in (*STUDIES, "critical_gaps", "reference_outcomes", "survey_plan")
         ),
         *STUDIES,
     ]

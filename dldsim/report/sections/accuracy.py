@@ -92,11 +92,13 @@ def _spot_check(page: Page) -> dict:
             {
                 "outcome": texts(check["outcome_id"]),
                 "mode": _changed(check, "check_mode", "check"),
-                "check begun by": texts(check["check_start"]),
                 ANGLE_HEADING: decimals(check["migration_angle_deg"]),
                 "check [°]": decimals(check["check_angle_deg"]),
                 SIGMA_HEADING: decimals(check["sigma_num_deg"]),
-                "verdict": texts(check["verdict"]),
+                "verdict": [
+                    f"{verdict}; check begun by: {start}"
+                    for verdict, start in zip(check["verdict"], check["check_start"], strict=True)
+                ],
             },
             ["spot_check"],
             ~(check["change_over_sigma"] <= uncertainty.BEYOND),
