@@ -89,3 +89,14 @@ def test_fan_has_both_populations_the_walls_and_the_cut():
     assert {s.y0 for s in figure.layout.shapes} == {500.0}
     low, high = figure.layout.yaxis.range
     assert low < 405 and high > 895
+
+
+def test_predicted_and_simulated_exits_have_a_panel_each():
+    from dldsim.app.web.ui import outlet_charts
+
+    exits = [r.model_dump() for r in web_page_fake.at_outlets(["array"])["device_exits"]]
+    cells = [{"population": 1, "exit_um": 480.0}, {"population": 2, "exit_um": None}]
+    figure = outlet_charts.checked(exits, cells, 500.0)
+    sums = [sum(trace.y) for trace in figure.data]
+    assert sums == [1.0, 1.0, 1.0, 0.0]  # of the cells of type 2 none leaves
+    assert {s.x0 for s in figure.layout.shapes} == {500.0}

@@ -574,32 +574,6 @@ def test_a_candidate_is_taken_to_the_page_of_outcomes(service):
     assert (asked["stiffness_set_1"], asked["ks_2_uN_per_m"], asked["draws"]) == ("1", 9.0, 32)
 
 
-def test_predicted_and_simulated_exits_have_a_panel_each():
-    from dldsim.app.web.ui import outlet_charts
-
-    exits = [r.model_dump() for r in web_page_fake.at_outlets(["array"])["device_exits"]]
-    cells = [{"population": 1, "exit_um": 480.0}, {"population": 2, "exit_um": None}]
-    figure = outlet_charts.checked(exits, cells, 500.0)
-    sums = [sum(trace.y) for trace in figure.data]
-    assert sums == [1.0, 1.0, 1.0, 0.0]  # of the cells of type 2 none leaves
-    assert {s.x0 for s in figure.layout.shapes} == {500.0}
-
-
-def test_fan_has_both_populations_the_walls_and_the_cut():
-    from dldsim.app.web.ui import outlet_charts
-
-    found = answers.AtOutlets(**web_page_fake.at_outlets(["array"]))
-    rows = (found.device_positions, found.device_exits, found.device_outlets)
-    figure = outlet_charts.fan(*([r.model_dump() for r in part] for part in rows), 500.0)
-    lines = [t for t in figure.data if t.type == "scatter" and t.name]
-    assert [list(t.x) for t in lines] == [[0.0, 2.5, 5.0]] * 2
-    assert lines[1].y[-1] == 400 + 5 * 2 * 40 + 50
-    assert [sum(t.x) for t in figure.data if t.type == "bar"] == [1.0, 1.0]
-    assert {s.y0 for s in figure.layout.shapes} == {500.0}
-    low, high = figure.layout.yaxis.range
-    assert low < 405 and high > 895
-
-
 def test_csv_of_an_outcome_leaves_unknown_values_empty():
     from dldsim.app.web.ui.outlets_chapter import as_csv, interval
 
