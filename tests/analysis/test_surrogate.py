@@ -77,10 +77,11 @@ def test_other_velocities_heights_and_radii_are_learnt_from_the_survey(surveyed,
 
 
 def test_beads_join_the_law_of_the_critical_diameter(surveyed, fitted):
-    """The made-up spheres are within 1 % of it in their stiff limit."""
+    """The made-up law is within 1 % of it in the stiff limit, what 120 of its spheres teach within
+    5 %."""
     beads = surveyed.card["beads"]
     assert [b["periodicity"] for b in beads] == [4, 5, 6, 8, 12]
-    assert all(b["over_law"] == pytest.approx(1, abs=0.08) for b in beads)
+    assert all(b["over_law"] == pytest.approx(1, abs=0.05) for b in beads)
     assert all(b["within_scatter"] for b in beads)
     assert fitted.card["beads"] == []
     # pillars narrower than half of the gap at the transition, as in the survey that is packaged
