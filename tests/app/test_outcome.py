@@ -148,7 +148,7 @@ def test_what_was_measured_replaces_what_was_said():
 def test_a_simulated_check(capsys, campaign, tmp_path, monkeypatch):
     """Cells as a simulator would return them: at its outlet those that move as predicted."""
 
-    def simulate(drawn, setting, directory, progress):
+    def simulate(drawn, setting, directory, progress, processes):
         progress("cell 6 of 6")
         angle = {1: 0.0, 2: float(np.degrees(np.arctan(1 / setting.geometry.periodicity)))}
         return [

@@ -75,6 +75,8 @@ def package(tmp_path):
     """A package of two kernels, one of which calls the other, and the real jit.py."""
     solver = tmp_path / "code" / "dldsim" / "solver"
     solver.mkdir(parents=True)
+    for folder in (solver, solver.parent):  # a package without goes behind the installed one
+        (folder / "__init__.py").touch()
     shutil.copy(jit.__file__, solver / "jit.py")
     (solver / "outer.py").write_text(KERNELS)
     (solver / "inner.py").write_text(INNER.format("0.0"))
