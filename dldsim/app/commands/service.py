@@ -19,7 +19,7 @@ def serve(args: argparse.Namespace) -> tuple[dict, Iterable[str], int]:
         parts.serve_api(settings)
         return {}, [], 0
     if args.part == "ui":
-        return {}, [], parts.serve_page(settings.host, args.page_port, args.api)
+        parts.serve_page(settings.host, args.page_port, args.api)
     with Display() as progress:
         return {}, [], parts.serve_both(settings, args.page_port, progress)
 

@@ -11,6 +11,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable
+from typing import NoReturn
 
 from dldsim.app.web.ui import API_VARIABLE, SCRIPT, api_address
 from dldsim.errors import DldsimError
@@ -111,19 +112,18 @@ def page_command(host: str, port: int) -> list[str]:
     ]
 
 
-def serve_page(host: str, port: int, api: str | None) -> int:
-    """Serve the page until it is interrupted; returns its exit code.
+def serve_page(host: str, port: int, api: str | None) -> NoReturn:
+    """Serve the page in place of this process, so that a signal to stop reaches it.
 
     ``api``: None for the address in API_VARIABLE, or API_DEFAULT. Raises DldsimError.
     """
-
     page = page_command(host, port)
     try:
         api = api_address(api)
     except ValueError as error:
         raise DldsimError(str(error)) from error
     check_free(host, port, PAGE_PORT)
-    return subprocess.run(page, env={**os.environ, API_VARIABLE: api}).returncode
+    os.execve(page[0], page, {**os.environ, API_VARIABLE: api})
 
 
 def serve_both(settings, page_port: int, say: Callable[[str], None]) -> int:

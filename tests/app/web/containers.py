@@ -153,3 +153,10 @@ def test_jobs_outlive_their_container():
     compose("up", "-d", "--no-build")
     until_it_answers(f"{API}/health")
     assert finished(accepted["id"])["state"] == "done"
+
+
+@pytest.mark.parametrize("name", ["ui", "api"])
+def test_containers_stop_when_they_are_told_to(name):
+    stopping = container(name)
+    podman("stop", "-t", "60", stopping)
+    assert int(podman("inspect", "-f", "{{.State.ExitCode}}", stopping)) != 137  # not killed

@@ -1,5 +1,6 @@
 """Settings and addresses of the service: read as meant, or refused by the name of the setting."""
 
+import signal
 import socket
 import subprocess
 import sys
@@ -104,6 +105,20 @@ def test_what_is_no_address_is_named_before_the_page_starts(monkeypatch, text):
         monkeypatch.setenv("DLDSIM_WEB_API", text)
     with pytest.raises(client.ApiError, match="does not know where the service is.*WEB_API"):
         client.model(None)
+
+
+def test_a_signal_to_stop_reaches_the_page(monkeypatch):
+    wait = "import os, time; print(os.environ['DLDSIM_WEB_API'], flush=True); time.sleep(60)"
+    serving = (
+        "import sys; from dldsim.app.web import serve; "
+        f"serve.page_command = lambda *_: [sys.executable, '-c', {wait!r}]; "
+        "serve.serve_page('127.0.0.1', 0, 'http://127.0.0.1:9')"
+    )
+    page = subprocess.Popen([sys.executable, "-c", serving], stdout=subprocess.PIPE, text=True)
+    assert page.stdout.readline() == "http://127.0.0.1:9\n"
+    page.terminate()
+    assert page.communicate(timeout=30)[0] == ""  # its pipe closes: nothing of it is left
+    assert page.returncode == -signal.SIGTERM
 
 
 def test_the_page_asks_where_its_variable_says(monkeypatch):
