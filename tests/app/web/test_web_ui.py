@@ -558,6 +558,18 @@ def test_an_unknown_check_can_be_forgotten(service):
     assert "Not found" not in texts(sound(page))
 
 
+def test_a_candidate_can_be_taken_from_its_page_with_its_form(service):
+    """Its fields are drawn already when the button is."""
+    spec = specs.DesignSpec(stiffness_set_1="1", stiffness_set_2="3")
+    service.designs[ID] = service.status(ID, spec, "done")
+    page = sound(opened(design=ID))
+    [found] = [b for b in page.button if "page Outcome" in b.label]
+    sound(found.click().run())
+    taken = {k: page.session_state[f"form:outcome_{k}"] for k in ("gap_um", "periodicity")}
+    first = service.designs[ID].result.designs[0]
+    assert taken == {"gap_um": first.gap_um, "periodicity": first.periodicity}
+
+
 def test_a_candidate_is_taken_to_the_page_of_outcomes(service):
     from dldsim.app.web.ui import outcome_page
 

@@ -155,13 +155,16 @@ def show(info: answers.ModelInfo, status: answers.DesignStatus) -> None:
 
 def _to_outcome(status: answers.DesignStatus, design: dict[str, Any], device: str) -> None:
     """Take a candidate to the page where its device can be changed and its cells simulated."""
-    if st.button("Change or simulate it on the page Outcome", icon=":material/call_split:"):
-        lengths = [
-            row.array_length_mm
-            for row in status.result.at_outlets.device_outcomes
-            if row.device == device
-        ]
-        outcome_page.take(status.spec, design, lengths[0] if lengths else None)
+    rows = [row for row in status.result.at_outlets.device_outcomes if row.device == device]
+    length = rows[0].array_length_mm if rows else None
+    # fields can be filled before the page is drawn alone, which is when a click is taken
+    pressed = st.button(
+        "Change or simulate it on the page Outcome",
+        icon=":material/call_split:",
+        on_click=outcome_page.take,
+        args=(status.spec, design, length),
+    )
+    if pressed:
         st.switch_page(st.Page(outcome_page.page, url_path="outcome"))
 
 
