@@ -195,7 +195,8 @@ def shoot(tab, name: str, tallest: int = 8000) -> None:
 def download(tab, label: str) -> tuple[str, bytes]:
     """Name and content of what a button downloads; tables have a download of their own."""
     with tab.expect_download() as waiting:
-        tab.locator('[data-testid="stDownloadButton"] button').filter(has_text=label).first.click()
+        buttons = tab.locator('[data-testid="stDownloadButton"] button').filter(has_text=label)
+        buttons.locator("visible=true").first.click()
     return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
 
 
