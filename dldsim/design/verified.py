@@ -111,7 +111,7 @@ def design_table(
                 "throughput_uL_per_h": chip.throughput_uL_per_h,
                 "agrees": difference["agrees"],
                 "separates": separates,
-                "standing": (True, None, False).index(separates)
+                "standing": {True: 0, None: 1, False: 3}[separates]
                 + (parts(pair["rows"], sigma) is not True),
                 "separation_finer_deg": None if there is None else towards(simulated, there),
                 "finer_spacing_um": finer and finer[0]["spacing_um"],
@@ -153,7 +153,8 @@ def design_table(
     )
     sigma = table["sigma_num_deg"].astype(float)
     table["rank"] = ranks_of(table.assign(sigma_num_deg=sigma), "value")
-    # Of equals first what separates, then what does so at this setting, then what is open.
+    # Of equals first what separates, then what does so at this setting, then what is open, then
+    # what a finer setting denies.
     table = table.sort_values(["rank", "standing"], kind="stable", ignore_index=True)
     table["name"] = [f"{request.name}-{k}" for k in range(1, len(table) + 1)]
     return table[names]

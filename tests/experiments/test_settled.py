@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config.sections import Cell, Flow, Geometry, Numerics, RunControl
 from dldsim.errors import DldsimError
 from dldsim.experiments import array_outcome, array_run, settled
 from dldsim.experiments.array_outcome import simulate_outcome
@@ -16,15 +16,8 @@ from dldsim.experiments.migration import mode_of
 from dldsim.experiments.settled import RELEASE, SETTLED_CELL, load, row_origin, save
 from dldsim.solver.flow import array_of, solve_empty_array
 from dldsim.solver.time_step import refined
+from tests.experiments.small_array import SET_1
 
-SET_1 = Stiffness(
-    ks_uN_per_m=5.1,
-    kb_pN_um=0.043,
-    kal_uN_per_m=10.2,
-    kag_uN_per_m=500,
-    kv_Pa=900,
-    kvisc_nN_s_per_m=1.5,
-)
 BUMPS = Geometry(pillar_radius_um=4, gap_um=5.5, periodicity=6)
 ZIGZAGS = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 CELL, FLOW = Cell(radius_um=4.0), Flow(height_um=10.0)
