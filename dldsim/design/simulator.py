@@ -35,12 +35,22 @@ class Scene(NamedTuple):
     control: RunControl
 
 
+class Kept(NamedTuple):
+    """Files of an outcome: its tables, the shapes of its first release, its settled cells."""
+
+    tables: OutcomeFiles
+    shapes: Path
+    cells: Path
+
+
 class Simulator:
     """Outcomes of a verification, each release kept on disk as soon as it is done, and used again.
 
     Called with geometry, population and channel height [µm] it returns the row of `outcomes`. An
     outcome is found again if everything it depends on is the same. The cell has its own shape,
     radius and moduli: what similarity assumes (moduli in proportion) is part of what is checked.
+    On the finer lattice it goes on with the cells that settled on the other
+    (`array_outcome.simulate_outcome`).
     """
 
     def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
@@ -51,22 +61,21 @@ class Simulator:
     def __call__(
         self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
     ) -> dict:
+        if finer:
+            self(geometry, population, height_um)
         scene = self._at(geometry, height_um, finer)
-        settings = {
-            **{
-                name: getattr(scene, name).model_dump(mode="json")
-                for name in ("flow", "numerics", "control")
-            },
-            "cell": self._cell(population).model_dump(mode="json"),
-            "stiffness": population.stiffness.model_dump(mode="json"),
-            "geometry": geometry.model_dump(mode="json"),
-        }
+        settings = self._settings(geometry, population, scene)
+        if finer:
+            coarser = self._at(geometry, height_um, False)
+            settings["coarser"] = self._settings(geometry, population, coarser)
         name = self.name(geometry, population, height_um, finer)
-        files, shapes = self._files(name)
-        digest = settings_hash(settings)
-        if not (shapes.exists() and made_with(files.outcome, digest)):
-            self._simulate(geometry, population, scene, name, settings)
-        [row] = read_rows("outcomes", files.outcome)
+        kept = self._files(name)
+        beside = () if finer else (kept.shapes, kept.cells)
+        there = all(path.exists() for path in beside)
+        if not (there and made_with(kept.tables.outcome, settings_hash(settings))):
+            coarse = self._files(self.name(geometry, population, height_um)) if finer else None
+            self._simulate(geometry, population, scene, name, settings, coarse)
+        [row] = read_rows("outcomes", kept.tables.outcome)
         return {
             **row,
             "deformation_index": population.deformation_index,
@@ -90,11 +99,11 @@ class Simulator:
         """A finished outcome with trajectory and recorded shapes of its first release."""
         from dldsim.experiments.vtk import read_vtkhdf
 
-        files, shapes = self._files(row["outcome_id"])
-        columns = read_columns("trajectory", files.trajectory).to_pydict()
+        kept = self._files(row["outcome_id"])
+        columns = read_columns("trajectory", kept.tables.trajectory).to_pydict()
         columns = {k: np.array(v) for k, v in columns.items()}
         first = columns["run_id"] == columns["run_id"][0]
-        return Verified(row, {k: v[first] for k, v in columns.items()}, read_vtkhdf(shapes))
+        return Verified(row, {k: v[first] for k, v in columns.items()}, read_vtkhdf(kept.shapes))
 
     def resistance(self, geometry: Geometry) -> dict[str, Any]:
         """Row of `flows` of an array at the scene's height, from the solver."""
@@ -107,20 +116,28 @@ class Simulator:
         [row] = read_rows("flows", path)
         return row
 
-    def _simulate(self, geometry, population, scene: Scene, name: str, settings: Mapping) -> None:
+    def _simulate(
+        self, geometry, population, scene: Scene, name: str, settings: Mapping, coarse: Kept | None
+    ) -> None:
+        """Simulate an outcome and write its files; from ``coarse`` its tables alone."""
+        from dldsim.experiments import settled
         from dldsim.experiments.array_outcome import simulate_outcome
         from dldsim.experiments.vtk import Recorder, write_vtkhdf
 
-        files, shapes = self._files(name)
-        kept = Partial(self.directory / name, name, settings)
-        places = scene.control.release_gap_fractions
-        finished = kept.finished(places) if shapes.exists() else {}
-        recorder = Recorder(SHAPES_EVERY)
+        files, shapes, cells = self._files(name)
+        partial = Partial(self.directory / name, name, settings)
+        finished = partial.finished(scene.control.release_gap_fractions)
+        if coarse is None and not shapes.exists():
+            finished = {}
+        recorder = Recorder(SHAPES_EVERY) if coarse is None else None
+        recorded = bool(finished)
 
         def keep(place: float, result) -> None:
-            if place == places[0]:
+            nonlocal recorded
+            if recorder and not recorded:
                 write_vtkhdf(recorder.shapes(geometry, result), shapes, provenance(settings))
-            kept.keep(place, result)
+                recorded = True
+            partial.keep(place, result)
 
         result = simulate_outcome(
             geometry,
@@ -133,12 +150,15 @@ class Simulator:
             stiffness_set=name.rpartition("_s")[2],
             empty_flow=self._empty_flow(geometry, scene),
             finished=finished,
+            starts=settled.load(coarse.cells) if coarse else {},
             keep=keep,
             observe=recorder,
             progress=self.progress,
         )
+        if coarse is None:
+            settled.save(result.settled, cells)
         write_outcome(result, files, settings)
-        kept.remove()
+        partial.remove()
 
     def _at(self, geometry: Geometry, height_um: float, finer: bool) -> Scene:
         from dldsim.solver.pillars import next_finer
@@ -149,14 +169,24 @@ class Simulator:
             flow=flow, numerics=next_finer(geometry, numerics) if finer else numerics
         )
 
+    def _settings(self, geometry: Geometry, population: Population, scene: Scene) -> dict[str, Any]:
+        """Everything that an outcome from a release depends on, as plain values."""
+        sections = {
+            **{name: getattr(scene, name) for name in ("flow", "numerics", "control")},
+            "cell": self._cell(population),
+            "stiffness": population.stiffness,
+            "geometry": geometry,
+        }
+        return {name: section.model_dump(mode="json") for name, section in sections.items()}
+
     def _cell(self, population: Population) -> CellShape:
         named = {"shape": population.shape, "radius_um": population.radius_um}
         return self.scene.cell.model_copy(update=named)
 
-    def _files(self, name: str) -> tuple[OutcomeFiles, Path]:
-        """Tables of an outcome, and the shapes of its first release."""
-        tables = (self.directory / f"{name}.{kind}.parquet" for kind in OutcomeFiles._fields)
-        return OutcomeFiles(*tables), self.directory / f"{name}.vtkhdf"
+    def _files(self, name: str) -> Kept:
+        folder = self.directory
+        tables = (folder / f"{name}.{kind}.parquet" for kind in OutcomeFiles._fields)
+        return Kept(OutcomeFiles(*tables), folder / f"{name}.vtkhdf", folder / f"{name}.cells.npz")
 
     def _empty_flow(self, geometry: Geometry, scene: Scene):
         """Flow without a cell; the last one is kept, which both cell types share."""

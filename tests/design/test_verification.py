@@ -13,7 +13,7 @@ from dldsim.design.populations import Population
 from dldsim.design.rounds import verify
 from dldsim.design.simulator import Scene, Simulator
 from dldsim.design.verified import plain
-from dldsim.errors import DldsimError
+from dldsim.errors import DldsimError, NoRoom
 from dldsim.experiments import array_run
 from dldsim.experiments.migration import mode_of
 from dldsim.tables.parquet import write_table
@@ -113,20 +113,29 @@ def test_a_true_prediction_is_confirmed_and_ends_the_rounds():
     assert verdicts.designs["separation_deg"].is_monotonic_decreasing
 
 
+class FirstIsOpen(Nature):
+    """The first array simulated is undecided with the larger difference, within σ_num; ``denied``:
+    on a finer lattice cells part nowhere."""
+
+    def __init__(self, angle, denied=False):
+        super().__init__(angle)
+        self.denied = denied
+
+    def __call__(self, geometry, population, height_um, finer=False):
+        row = super().__call__(geometry, population, height_um, finer)
+        if finer and self.denied:
+            return row | {"migration_angle_deg": 1.0, "mode": "mixed"}
+        first = self.first = getattr(self, "first", geometry)
+        if geometry != first:
+            return row
+        angle = row["migration_angle_deg"]
+        bounds = {"angle_low_deg": -90.0, "angle_high_deg": 90.0, "mode": "none"}
+        return row | bounds | {"status": "undecided", "migration_angle_deg": angle * 1.001}
+
+
 def test_a_decided_design_goes_before_an_open_one_of_the_same_rank():
-    """The first array simulated is undecided with the larger difference, within σ_num."""
-
-    class Open(Nature):
-        def __call__(self, geometry, population, height_um, finer=False):
-            row = super().__call__(geometry, population, height_um, finer)
-            first = self.first = getattr(self, "first", geometry)
-            if geometry != first:
-                return row
-            angle = row["migration_angle_deg"]
-            bounds = {"angle_low_deg": -90.0, "angle_high_deg": 90.0, "mode": "none"}
-            return row | bounds | {"status": "undecided", "migration_angle_deg": angle * 1.001}
-
-    verdicts = check(Known(summit), Open(summit), designs_per_round=2, rounds=1, finer_designs=1)
+    nature = FirstIsOpen(summit)
+    verdicts = check(Known(summit), nature, designs_per_round=2, rounds=1, finer_designs=1)
     designs = verdicts.designs
     assert designs["rank"].tolist() == [1, 1]
     assert designs["separation_deg"].iloc[0] < designs["separation_deg"].iloc[1]
@@ -134,6 +143,15 @@ def test_a_decided_design_goes_before_an_open_one_of_the_same_rank():
     assert designs["separates"].tolist() == [True, None]
     finer = verdicts.verifications.query("role == 'finer'")
     assert set(finer["array"]) == {2}
+
+
+def test_a_design_that_the_finer_lattice_denies_goes_behind_an_open_one_of_the_same_rank():
+    nature = FirstIsOpen(summit, denied=True)
+    verdicts = check(Known(summit), nature, designs_per_round=2, rounds=1, finer_designs=1)
+    designs = verdicts.designs
+    assert designs["rank"].tolist() == [1, 1]
+    assert designs["array"].tolist() == [1, 2]
+    assert designs["separates"].tolist() == [None, False]
 
 
 def test_a_missed_prediction_is_learnt_from():
@@ -345,6 +363,26 @@ def test_an_outcome_has_the_radius_of_its_population(simulated):
     assert not (simulator.directory / row["outcome_id"]).exists()  # nothing partial is left
 
 
+def test_a_finer_outcome_goes_on_with_the_settled_cells(simulated, monkeypatch):
+    simulator, row = simulated
+    started = []
+
+    class Simulated(Exception):
+        pass
+
+    def stop(*sections, starts, **options):
+        started.append(starts)
+        raise Simulated
+
+    settled = {0.5: "the cell that rests"}
+    monkeypatch.setattr("dldsim.experiments.settled.load", lambda path: settled)
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_outcome", stop)
+    with pytest.raises(Simulated):
+        simulator(GEOMETRY, SMALL, 12.0, finer=True)
+    assert started == [settled]
+    assert (simulator.directory / f"{row['outcome_id']}.cells.npz").exists()
+
+
 def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
     simulator, row = simulated
 
@@ -388,6 +426,20 @@ def test_an_interrupted_outcome_goes_on_with_its_next_release(simulated, tmp_pat
     assert places == [0.5, 0.4, 0.4]
     assert again["angle_high_deg"] == row["angle_high_deg"] and again["steps"] == row["steps"]
     assert simulator.passage(again).shapes.cell_radius_um == 4.0
+
+
+def test_shapes_are_recorded_where_the_cell_does_not_fit_at_the_first_place(tmp_path, monkeypatch):
+    simulate = array_run.simulate_run
+
+    def narrow(*sections, **options):
+        if sections[2].release_gap_fraction == 0.5:
+            raise NoRoom("does not fit")
+        return simulate(*sections, **options)
+
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", narrow)
+    simulator = Simulator(tmp_path, SCENE)
+    passage = simulator.passage(simulator(GEOMETRY, SMALL, 12.0))
+    assert passage.shapes.departure_um(passage.trajectory) == 0
 
 
 def test_recorded_shapes_belong_to_the_first_release(simulated):
