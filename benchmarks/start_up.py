@@ -18,7 +18,7 @@ def stage(name: str) -> None:
 
 
 def start(path: str, edge: float) -> None:
-    """What `dldsim.app.jobs.run_job` does until the first step, and one row of steps."""
+    """What `dldsim.app.jobs.outcome_job` does until the first step, and one row of steps."""
     import dldsim.app.jobs  # noqa: F401
 
     stage("imports of a job")

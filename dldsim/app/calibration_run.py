@@ -7,7 +7,7 @@ import pandas as pd
 
 from dldsim import PHYSICS_VERSION
 from dldsim.analysis.passages import calibrate
-from dldsim.app.jobs import assay_job
+from dldsim.app.assay_jobs import assay_job
 from dldsim.config.provenance import provenance, settings_hash
 from dldsim.experiments.outcome_files import Progress, made_with
 from dldsim.files import atomic_path

@@ -5,96 +5,28 @@ In a campaign a failure (a DldsimError, or memory that is exhausted) becomes a r
 traceback, and what depends on it is not made.
 """
 
-import contextlib
-import sys
-import time
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from dldsim.analysis import uncertainty
 from dldsim.config import campaign, identifiers
-from dldsim.config.assay_sections import GROUP_VELOCITY, Assay, TableAssay
-from dldsim.config.assays import Membrane, passages_of
-from dldsim.config.configuration import sections_from
 from dldsim.config.provenance import provenance
-from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError
-from dldsim.evidence import accuracy
 from dldsim.experiments.outcome_files import (
-    Measured,
     OutcomeFiles,
     Partial,
     Progress,
     flow_row,
-    write_assay_runs,
     write_outcome,
 )
-from dldsim.files import atomic_path, why_not_written
-from dldsim.tables.parquet import read_many, read_rows, write_csv, write_table
+from dldsim.files import atomic_path
+from dldsim.tables.parquet import read_rows, write_table
 from dldsim.tables.registry import COLUMNS
-
-
-@contextlib.contextmanager
-def job_log(path: Path) -> Iterator[Progress]:
-    """Send everything printed to a log file.
-
-    What the user can mend (a DldsimError, a full disk, a folder that is closed) and an interruption
-    end the job without a traceback.
-    """
-    console = sys.stderr
-    try:
-        with _logged(Path(path)) as progress:
-            yield progress
-    except KeyboardInterrupt:
-        raise SystemExit(INTERRUPTED) from None
-    except DldsimError as error:
-        console.write(f"{error}\n")
-        raise SystemExit(1) from None
-    except OSError as error:
-        if (reason := why_not_written(error)) is None:
-            raise
-        console.write(f"{reason}\n")
-        raise SystemExit(1) from None
-
-
-INTERRUPTED = 130
-"""Exit code of a process that Ctrl-C has ended."""
-
-
-@contextlib.contextmanager
-def _logged(path: Path) -> Iterator[Progress]:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with (
-        path.open("w", encoding="utf-8", buffering=1) as log,
-        contextlib.redirect_stdout(log),
-        contextlib.redirect_stderr(log),
-    ):
-        try:
-            yield _writer(log)
-        except KeyboardInterrupt:
-            log.write("interrupted\n")
-            raise
-        except DldsimError as error:
-            log.write(f"{error}\n")
-            raise
-        except Exception as error:
-            reason = why_not_written(error) if isinstance(error, OSError) else None
-            log.write(f"{reason}\n" if reason else traceback.format_exc())
-            raise
-
-
-def _writer(log: TextIO) -> Progress:
-    start = time.perf_counter()
-
-    def progress(sentence: str) -> None:
-        log.write(f"{time.perf_counter() - start:8.1f} s  {sentence}\n")
-
-    return progress
 
 
 def flow_job(
@@ -119,11 +51,11 @@ def flow_job(
             "height_um": settings["flow"]["height_um"],
             "drive": settings["flow"]["drive"],
         }
-        write_table("flows", [_failed("flows", known, reason)], row, provenance(settings))
+        write_table("flows", [failed("flows", known, reason)], row, provenance(settings))
         with atomic_path(flow) as part, part.open("wb") as file:
             np.savez(file)
 
-    _attempt(identifier, simulate, give_up, crashes, progress)
+    attempt(identifier, simulate, give_up, crashes, progress)
 
 
 def outcome_job(
@@ -220,179 +152,14 @@ def attempt_outcome(
             "rows_total": sum(r.row["rows_completed"] for r in done),
         }
         about = provenance(settings)
-        write_table("trajectory", _empty("trajectory"), files.trajectory, about)
-        write_table("runs", [r.row for r in done] or _empty("runs"), files.runs, about)
-        write_table("outcomes", [_failed("outcomes", known, reason)], files.outcome, about)
+        write_table("trajectory", empty("trajectory"), files.trajectory, about)
+        write_table("runs", [r.row for r in done] or empty("runs"), files.runs, about)
+        write_table("outcomes", [failed("outcomes", known, reason)], files.outcome, about)
 
-    return _attempt(job, simulate, give_up, crashes, progress)
-
-
-def accuracy_job(
-    identifier: str, settings: Mapping, *, row: Path, crashes: Path, progress: Progress
-) -> None:
-    """One run of the accuracy study: its row of `runs` or `constriction_runs`."""
-    variant = accuracy.parse_variant(identifier)
-    kind = accuracy.kind_of(variant)
-
-    def simulate() -> None:
-        if kind == "runs":
-            from dldsim.experiments.array_run import simulate_run
-
-            result = simulate_run(
-                Geometry(**settings["geometry"]),
-                Stiffness(**settings["stiffness"]),
-                Cell(**settings["cell"]),
-                Flow(**settings["flow"]),
-                Numerics(**settings["numerics"]),
-                RunControl(**settings["run_control"]),
-                run_id=identifier,
-                outcome_id=variant.run,
-                stiffness_set=settings["stiffness_set"],
-                progress=progress,
-            )
-        else:
-            result = passage(progress)
-        write_table(kind, [result.row], row, provenance(settings))
-
-    def give_up(reason: str) -> None:
-        write_table(kind, [_failed(kind, known, reason)], row, provenance(settings))
-
-    if kind == "runs":
-        known = _known_of_run(identifier, variant.run, settings)
-    else:
-        [(known, passage)] = passages_of_point(GROUP_VELOCITY, identifier, settings)
-    _attempt(identifier, simulate, give_up, crashes, progress)
+    return attempt(job, simulate, give_up, crashes, progress)
 
 
-def gather_accuracy(rows: Iterable[tuple[str, Path]], settings: Mapping, *, table: Path) -> None:
-    """Table of the accuracy study from its runs (variant, file of its row)."""
-    found = []
-    for identifier, path in rows:
-        variant = accuracy.parse_variant(identifier)
-        found.append((variant, read_rows(accuracy.kind_of(variant), path)[0]))
-    compared = accuracy.table(found, sections_from(settings))
-    write_table("accuracy", compared, table, provenance(settings))
-    write_csv("accuracy", table)
-
-
-def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
-    """Columns of `runs` that do not need a simulation."""
-    from dldsim.experiments.array_run import known_of
-
-    cell = Cell(**settings["cell"])
-    known = known_of(
-        outcome,
-        Geometry(**settings["geometry"]),
-        Stiffness(**settings["stiffness"]),
-        settings["stiffness_set"],
-        cell,
-        Flow(**settings["flow"]),
-        Numerics(**settings["numerics"]),
-    )
-    return known | {
-        "run_id": identifier,
-        "release_gap_fraction": cell.release_gap_fraction,
-        "mode": "none",
-        "rows_completed": 0,
-        "orbit_rows": 0,
-        "lateral_steps_um": [],
-        "left_out": "",
-    }
-
-
-def assay_job(
-    identifier: str,
-    settings: Mapping,
-    *,
-    rows: Path,
-    trajectory: Path,
-    crashes: Path,
-    progress: Progress,
-) -> None:
-    """One point of a calibration: `rows` of `assay_runs`, one for each passage, and `trajectory`.
-
-    A passage that fails is a row of status failed; the others count.
-    """
-    found: list[Measured] = []
-    name = identifiers.parse_point(identifier).assay
-    for known, simulate in passages_of_point(name, identifier, settings):
-
-        def give_up(reason: str, known=known) -> None:
-            nothing = _empty("assay_trajectory")
-            found.append(Measured(_failed("assay_runs", known, reason), nothing))
-
-        _attempt(
-            identifier,
-            lambda simulate=simulate: found.append(simulate(progress)),
-            give_up,
-            crashes,
-            progress,
-        )
-    write_assay_runs(found, rows, trajectory, settings)
-
-
-def passages_of_point(
-    name: str, identifier: str, settings: Mapping
-) -> list[tuple[dict, Callable[[Progress | None], Measured]]]:
-    """The passages of a point: what is known of each, and the call that simulates it."""
-    from dldsim.experiments.assays import known_of, simulate_passage
-
-    assay = TypeAdapter(Assay).validate_python(settings["assay"])
-    given = settings["membrane"]
-    membrane = Membrane(**{**given, "stiffness": Stiffness(**given["stiffness"])})
-    cell, flow = CellShape(**settings["cell"]), Flow(**settings["flow"])
-    about = name, assay, membrane, cell
-    parts = []
-    for number, passage in enumerate(passages_of(assay, cell.shape)):
-        run = f"{identifier}_{number}"
-        known = known_of(*about, flow.viscosity_mPa_s, passage, run)
-
-        def simulate(progress: Progress | None, passage=passage, run=run) -> Measured:
-            numerics = Numerics(**settings["numerics"])
-            return simulate_passage(*about, flow, numerics, passage, run_id=run, progress=progress)
-
-        parts.append((known, simulate))
-    return parts
-
-
-def published(settings: Mapping) -> dict:
-    """Published pairs of index and stiffness set, with the moduli of the sets, by assay."""
-    sets = {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()}
-    return {name: (TableAssay(**pairs), sets) for name, pairs in settings["published"].items()}
-
-
-def write_curves(
-    kind: str, rows: Iterable[Path], settings: Mapping, *, table: Path, figure: Path | None = None
-) -> None:
-    """Calibrations from the passages of some points, with a figure of them if one is asked for."""
-    from dldsim.analysis.passages import calibrate
-
-    runs = read_many("assay_runs", rows)
-    curves = calibrate(runs, settings["default_assay"], published(settings))
-    write_table(kind, curves, table, provenance(settings))
-    write_csv(kind, table)
-    if figure is not None:
-        from dldsim.report.assay_figures import draw_curves
-        from dldsim.report.style import render
-
-        with atomic_path(Path(figure)) as part:
-            part.write_bytes(render(draw_curves(curves), "png"))
-
-
-def validation_job(
-    case: str, settings: Mapping, *, table: Path, crashes: Path, progress: Progress
-) -> None:
-    """Run one validation case and write its rows; a case that raises is counted as a crash."""
-    from dldsim.evidence.validation import BROKEN, run_case
-
-    rows = run_case(case, progress)
-    if rows[-1]["quantity"] == BROKEN:
-        progress(rows[-1]["note"])
-        campaign.record_crash(crashes, case, rows[-1]["note"])
-    write_table("validation", rows, table, provenance(settings))
-
-
-def _attempt(
+def attempt(
     identifier: str,
     simulate: Callable[[], None],
     give_up: Callable[[str], None],
@@ -413,10 +180,12 @@ def _attempt(
         return False
 
 
-def _failed(kind: str, known: Mapping, reason: str) -> dict:
+def failed(kind: str, known: Mapping, reason: str) -> dict:
+    """The row that stands for a result that there is none of."""
     blank = {column.name: None for column in COLUMNS[kind] if column.nullable}
     return {**blank, **known, "status": "failed", "stop_reason": reason}
 
 
-def _empty(kind: str) -> dict:
+def empty(kind: str) -> dict:
+    """Columns without rows."""
     return {column.name: [] for column in COLUMNS[kind]}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dldsim.analysis.calibration import stiffness_for
-from dldsim.app import jobs
+from dldsim.app import assay_jobs
 from dldsim.experiments import assays
 from dldsim.tables.parquet import read_table
 from dldsim.tables.registry import COLUMNS
@@ -29,7 +29,7 @@ def simulated(monkeypatch, tmp_path):
         index = 0.5 - membrane.stiffness.ks_uN_per_m / 100 + 0.2 * (passage.radius_factor - 1)
         found = {"status": "converged", "stop_reason": "", "deformation_index": index}
         row = {**blank, **known, **found, "circularity_index": index / 4}
-        return jobs.Measured(row, {c.name: [] for c in COLUMNS["assay_trajectory"]})
+        return assay_jobs.Measured(row, {c.name: [] for c in COLUMNS["assay_trajectory"]})
 
     monkeypatch.setattr(assays, "simulate_passage", simulate)
     return done

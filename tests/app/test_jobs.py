@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dldsim.app import jobs
+from dldsim.app import assay_jobs, job_log, jobs
 from dldsim.config import campaign, identifiers
 from dldsim.config.assays import settings_of_point
 from dldsim.config.presets import read_config
@@ -238,12 +238,12 @@ def test_a_crashed_passage_becomes_a_row_and_the_others_count(tmp_path, monkeypa
         known = assays.known_of(name, assay, membrane, cell, 1.5, passage, run_id)
         blank = {c.name: None for c in COLUMNS["assay_runs"] if c.nullable}
         row = {**blank, **known, "status": "converged", "stop_reason": "", "deformation_index": 0.6}
-        return jobs.Measured(row, {c.name: [] for c in COLUMNS["assay_trajectory"]})
+        return assay_jobs.Measured(row, {c.name: [] for c in COLUMNS["assay_trajectory"]})
 
     monkeypatch.setattr("dldsim.experiments.assays.simulate_passage", simulate)
     out = {"rows": tmp_path / "r.parquet", "trajectory": tmp_path / "t.parquet"}
     said = []
-    jobs.assay_job(POINT, point_settings(), **out, crashes=tmp_path, progress=said.append)
+    assay_jobs.assay_job(POINT, point_settings(), **out, crashes=tmp_path, progress=said.append)
     first, second = read_rows("assay_runs", out["rows"])
     assert (first["status"], first["deformation_index"]) == ("converged", 0.6)
     assert (second["status"], second["stop_reason"]) == ("failed", "too fast")
@@ -263,7 +263,7 @@ def test_a_bug_stops(error, files, monkeypatch, tmp_path):
     with pytest.raises(type(error)):
         jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)
     with pytest.raises(type(error)):
-        jobs.assay_job(
+        assay_jobs.assay_job(
             POINT,
             point_settings(),
             rows=files["row"],
@@ -287,14 +287,14 @@ def test_interruption_is_no_crash(files, monkeypatch):
 
 def test_log_takes_everything_and_bad_input_has_no_traceback(tmp_path, capsys):
     log = tmp_path / "logs" / "a.log"
-    with pytest.raises(SystemExit) as stop, jobs.job_log(log) as progress:
+    with pytest.raises(SystemExit) as stop, job_log.job_log(log) as progress:
         progress("step 1 of 2")
         raise DldsimError("gap too small")
     assert stop.value.code == 1
     text = log.read_text(encoding="utf-8")
     assert "step 1 of 2" in text and "gap too small" in text and "Traceback" not in text
     assert "gap too small" in capsys.readouterr().err
-    with pytest.raises(ValueError), jobs.job_log(log):
+    with pytest.raises(ValueError), job_log.job_log(log):
         raise ValueError("odd")
     assert "Traceback" in log.read_text(encoding="utf-8")
 
@@ -309,7 +309,7 @@ def test_log_takes_everything_and_bad_input_has_no_traceback(tmp_path, capsys):
 )
 def test_a_full_disk_and_ctrl_c_have_no_traceback(error, code, part, tmp_path, capsys):
     log = tmp_path / "a.log"
-    with pytest.raises(SystemExit) as stop, jobs.job_log(log):
+    with pytest.raises(SystemExit) as stop, job_log.job_log(log):
         raise error
     said = capsys.readouterr().err
     assert stop.value.code == code and part in said and said.count("\n") == bool(part)
@@ -317,7 +317,7 @@ def test_a_full_disk_and_ctrl_c_have_no_traceback(error, code, part, tmp_path, c
 
 
 def test_a_log_on_a_full_disk_is_told_in_one_line(capsys):
-    with pytest.raises(SystemExit), jobs.job_log(Path("/dev/full")) as progress:
+    with pytest.raises(SystemExit), job_log.job_log(Path("/dev/full")) as progress:
         progress("step 1 of 2")
     assert capsys.readouterr().err.startswith("No space left on device")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dldsim.app import cli, jobs
+from dldsim.app import cli, evidence_jobs
 from dldsim.config.campaign import closing_sentence, count_crashes
 from dldsim.errors import DldsimError
 from dldsim.evidence import reference, validation, validation_fluid, validation_membrane
@@ -138,7 +138,7 @@ def test_a_case_that_raises_fails_with_the_reason_and_keeps_its_rows(
     assert [row["passed"] for row in rows] == [True, False]
     assert rows[1]["quantity"] == BROKEN and rows[1]["note"] == reason
     table = tmp_path / "case.parquet"
-    jobs.validation_job(name, {}, table=table, crashes=tmp_path, progress=lambda sentence: None)
+    evidence_jobs.validation_job(name, {}, table=table, crashes=tmp_path, progress=print)
     assert len(read_rows("validation", table)) == 2 and count_crashes(tmp_path, name) == 1
 
 

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import gather_accuracy, job_log
+from dldsim.app.evidence_jobs import gather_accuracy
+from dldsim.app.job_log import job_log
 
 with job_log(snakemake.log[0]):
     gather_accuracy(

@@ -1,7 +1,7 @@
 """Outcomes in, analysis of variance and its diagnostics out."""
 
 from dldsim.analysis.anova import analyse
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 

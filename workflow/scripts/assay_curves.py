@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import job_log, write_curves
+from dldsim.app.assay_jobs import write_curves
+from dldsim.app.job_log import job_log
 
 with job_log(snakemake.log[0]):
     write_curves(

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import assay_job, job_log
+from dldsim.app.assay_jobs import assay_job
+from dldsim.app.job_log import job_log
 
 with job_log(snakemake.log[0]) as progress:
     assay_job(

@@ -1,7 +1,8 @@
 """Passages of the assays in, calibrations and correlations of the index out."""
 
 from dldsim.analysis.passages import calibrate, correlations
-from dldsim.app.jobs import job_log, published
+from dldsim.app.assay_jobs import published
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.app.reference_jobs import point_job, simulator
 
 with job_log(snakemake.log[0]) as progress:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from dldsim.app.design_jobs import design_job
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 
 with job_log(snakemake.log[0]) as progress:
     design_job(

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import flow_job, job_log
+from dldsim.app.job_log import job_log
+from dldsim.app.jobs import flow_job
 
 with job_log(snakemake.log[0]) as progress:
     flow_job(

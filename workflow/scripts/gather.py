@@ -1,6 +1,6 @@
 """Tables of one kind into one, with its CSV twin."""
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import concatenate, write_csv
 

@@ -2,7 +2,7 @@
 
 from dldsim.analysis.benchmark import learning_curve
 from dldsim.analysis.learning import survey_of
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 

@@ -2,7 +2,7 @@
 
 from dldsim.analysis.calibration import join_deformation_index
 from dldsim.analysis.uncertainty import read_model, with_uncertainty
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import read_many, read_table, write_csv, write_table
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.report.campaign_page import make_report
 
 with job_log(snakemake.log[0]):

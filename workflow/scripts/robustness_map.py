@@ -1,7 +1,7 @@
 """Outcomes in, robustness of each geometry out."""
 
 from dldsim.analysis.robustness import robustness
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 

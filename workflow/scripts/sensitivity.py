@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dldsim.analysis.sensitivity import examine
 from dldsim.analysis.surrogate import load
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table, write_csv, write_table
 

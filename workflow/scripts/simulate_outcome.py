@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import job_log, outcome_job
+from dldsim.app.job_log import job_log
+from dldsim.app.jobs import outcome_job
 from dldsim.experiments.outcome_files import OutcomeFiles
 
 with job_log(snakemake.log[0]) as progress:

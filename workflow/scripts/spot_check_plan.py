@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.app.reference_jobs import spot_check_cost
 
 with job_log(snakemake.log[0]):

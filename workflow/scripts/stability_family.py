@@ -1,6 +1,6 @@
 """One family of the stability sweep: its points out."""
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.configuration import sections_from
 from dldsim.config.provenance import provenance
 from dldsim.evidence.stability_sweep import run_family

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dldsim.analysis.learning import survey_of
 from dldsim.analysis.surrogate import fit
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.tables.parquet import read_table
 

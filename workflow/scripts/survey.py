@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.app.survey_jobs import gather
 
 KINDS = {"plan": "survey_plan", "outcomes": "outcomes", "runs": "runs", "flows": "flows"}

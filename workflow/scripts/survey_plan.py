@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.app.survey_jobs import plan_job
 
 with job_log(snakemake.log[0]):

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.app.survey_jobs import point_job, point_of, sentence
 from dldsim.experiments.outcome_files import OutcomeFiles
 

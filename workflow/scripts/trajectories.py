@@ -1,6 +1,6 @@
 """All trajectories into one table."""
 
-from dldsim.app.jobs import job_log
+from dldsim.app.job_log import job_log
 from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import concatenate
 

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from dldsim.app.jobs import job_log, validation_job
+from dldsim.app.evidence_jobs import validation_job
+from dldsim.app.job_log import job_log
 
 with job_log(snakemake.log[0]) as progress:
     validation_job(
