@@ -6,7 +6,7 @@ from collections import Counter
 import pytest
 
 from dldsim.tables.parquet import read_rows
-from tests.snakemake_start import ROOT, TINY, copy_workflow, planned, snakemake
+from tests.workflow.snakemake_start import ROOT, TINY, copy_workflow, planned, snakemake
 
 pytestmark = pytest.mark.slow
 

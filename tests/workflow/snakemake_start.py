@@ -23,7 +23,7 @@ from snakemake.settings.types import (
     ResourceSettings,
 )
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
 
 
