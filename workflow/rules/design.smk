@@ -14,6 +14,7 @@ rule surrogate:
         f"{RESULTS}/logs/surrogate.log",
     benchmark:
         f"{RESULTS}/benchmarks/surrogate.tsv"
+    priority: 1
     conda:
         "../envs/dldsim.yaml"
     message:
@@ -101,6 +102,7 @@ rule verify:
         f"{RESULTS}/logs/verify/{{request}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/verify/{{request}}.tsv"
+    priority: 1
     conda:
         "../envs/dldsim.yaml"
     message:

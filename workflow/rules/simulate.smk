@@ -1,4 +1,5 @@
 # Empty-array flow per geometry, outcome per geometry and stiffness set, and their gathering.
+# Priorities: what takes long and what waits for it first; short jobs then fill the cores at the end.
 
 
 rule empty_flow:
@@ -13,6 +14,7 @@ rule empty_flow:
         f"{RESULTS}/logs/empty_flow/{{geometry}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/empty_flow/{{geometry}}.tsv"
+    priority: 1
     conda:
         "../envs/dldsim.yaml"
     message:
@@ -38,6 +40,7 @@ rule simulate_outcome:
         f"{RESULTS}/logs/simulate_outcome/{{outcome}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/simulate_outcome/{{outcome}}.tsv"
+    priority: 1
     conda:
         "../envs/dldsim.yaml"
     message:
