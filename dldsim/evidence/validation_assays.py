@@ -1,6 +1,6 @@
 """Validation cases of the assays; see :mod:`dldsim.evidence.validation`."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,9 @@ from dldsim.experiments.passage import elongation_index, radius_steps, sight
 from dldsim.experiments.runner import Stop, advance_until
 from dldsim.experiments.shear import inertia_ellipse
 from dldsim.experiments.sheared import SAMPLES_PER_STRAIN, sheared_scene
-from dldsim.solver.membrane import Membrane, vertex_areas
+from dldsim.solver.membrane import Membrane, Moduli, vertex_areas
 from dldsim.solver.observe import Sample
+from dldsim.solver.units import Units
 from dldsim.vocabulary import UNSTABLE
 
 # ----------------------------------------------------------------- stiff sphere in a square channel
@@ -222,7 +223,12 @@ class Sheared(NamedTuple):
 
 
 def sheared(
-    stiffness: Stiffness, stress_Pa: float, cell: Cell, nodes: int, strain: float, flow: Flow
+    stiffness: Stiffness | Callable[[Units], Moduli],
+    stress_Pa: float,
+    cell: Cell,
+    nodes: int,
+    strain: float,
+    flow: Flow,
 ) -> Sheared:
     """A cell in the scene of the assay `shear` up to a strain; of the ``flow`` only the viscosity
     counts, and only beside dashpots. Raises DldsimError if unstable."""

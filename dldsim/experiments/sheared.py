@@ -4,6 +4,7 @@ The plates move along x, the picture is taken along z, the velocity gradient, as
 ektacytometer looks (Hardeman et al. 2007, Handbook of Hemorheology and Hemodynamics, p. 242).
 """
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -21,6 +22,7 @@ from dldsim.experiments.runner import Progress, again_if_unstable
 from dldsim.experiments.shear import start_shear
 from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import make_lattice
+from dldsim.solver.membrane import Moduli
 from dldsim.solver.scene import CellInFlow
 from dldsim.solver.units import Units
 
@@ -67,7 +69,7 @@ def _simulate(stiffness, assay, cell, flow, numerics, run_id, progress, shorter)
 
 
 def sheared_scene(
-    stiffness: Stiffness,
+    stiffness: Stiffness | Callable[[Units], Moduli],
     assay: ShearAssay,
     cell: Cell,
     flow: Flow,

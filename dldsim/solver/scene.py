@@ -150,13 +150,14 @@ class CellInFlow:
         fluid: Fluid,
         units: Units,
         cell: CellShape,
-        stiffness: Stiffness | Moduli,
+        stiffness: Stiffness | Moduli | Callable[[Units], Moduli],
         numerics: Numerics,
         surfaces: Mapping[str, Any],
         drive: Drive | None = None,
     ):
-        """``stiffness``: or `Moduli`, in lattice units; ``surfaces``: fields of
-        :class:`dldsim.solver.contact.Contact` that name surfaces; without a ``drive``
+        """``stiffness``: or `Moduli`, in lattice units, or what makes them of the units;
+        ``surfaces``: fields of :class:`dldsim.solver.contact.Contact` that name surfaces; without a
+        ``drive``
         (`time_loop.make_drive`) the body force stays as it is.
         """
         self.fluid, self.units, self.numerics = fluid, units, numerics
@@ -173,8 +174,10 @@ class CellInFlow:
             self.membrane, self.scratch = self.half.membrane, self.half.scratch
             self.mirror = self.half.mirror
             vertices, computed = vertices[self.half.vertex], len(self.half.share)
-        if not isinstance(stiffness, Moduli):
+        if isinstance(stiffness, Stiffness):
             stiffness = Moduli(**units.stiffness(stiffness))
+        elif not isinstance(stiffness, Moduli):
+            stiffness = stiffness(units)
         self.moduli = stiffness._replace(
             kv=volume_stiffness(
                 stiffness.kv, self.membrane.rest_area, self.membrane.rest_volume, units.viscosity_lu

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from dldsim.config.sections import Cell, Flow, Numerics
 from dldsim.evidence import validation_red_cell as cases
 from dldsim.evidence.reference import read_reference
-from dldsim.evidence.validation_assays import Sheared
+from dldsim.evidence.validation_assays import Sheared, sheared
+from dldsim.solver import membrane as mb
+from dldsim.solver.units import Units
 
 
 def test_angles_are_those_of_the_donors():
@@ -32,6 +35,8 @@ def test_red_cells_in_shear_are_marked_on_the_plateau_only(monkeypatch):
     )
     monkeypatch.setattr(cases, "sheared", lambda *given: run)
     rows = list(cases.red_cell_in_shear())
+    assert {row.variant for row in rows} == set(cases.MEMBRANES)
+    rows = [row for row in rows if row.variant == "network"]
     indices = {row.parameter: row for row in rows if row.quantity == "elongation index"}
     assert indices[30.0].reference == pytest.approx(0.605, abs=1e-3)
     assert indices[0.95].reference == pytest.approx(0.270, abs=1e-3)
@@ -47,3 +52,21 @@ def test_red_cells_in_shear_are_marked_on_the_plateau_only(monkeypatch):
 def test_membrane_has_the_moduli_of_the_literature():
     assert cases.RED_CELL.ks_uN_per_m == pytest.approx(5.3 * 4 / 3**0.5)
     assert cases.RED_CELL.kb_pN_um == pytest.approx(0.2 * 2 / 3**0.5)
+
+
+def test_skalak_membranes_have_the_moduli_that_are_named():
+    units = Units.of(0.5, Flow(), Numerics())
+    network = units.stiffness(cases.RED_CELL)
+    same, softer = (make(units) for name, make in cases.MEMBRANES.items() if name != "network")
+    assert same.skalak == pytest.approx(mb.shear_modulus(network["ks"]))
+    assert softer.skalak / same.skalak == pytest.approx(2.5 / 5.3)
+    for moduli in (same, softer):
+        area = moduli.skalak * (1 + 2 * moduli.skalak_c)
+        assert area == pytest.approx(units.surface_modulus(cases.SKALAK_AREA_MODULUS))
+        assert moduli.kb == network["kb"]
+
+
+def test_a_membrane_may_follow_from_the_units():
+    cell = Cell(shape="biconcave", radius_um=cases.RADIUS_UM, axis="z")
+    run = sheared(cases.MEMBRANES["Skalak, G 2.5 µN/m"], 3.0, cell, 4, 0.2, Flow())
+    assert run.volume == pytest.approx(1, abs=1e-3) and run.area == pytest.approx(1, abs=1e-2)

@@ -246,6 +246,32 @@ def test_shear_modulus_is_that_of_the_network():
     assert energy == pytest.approx(expected * area, rel=0.01)
 
 
+@pytest.mark.parametrize("term", ["kal", "kag"])
+def test_area_terms_pull_along_the_stretch(term):
+    """The tension of a face stretched to λ₁, λ₂ is 2σ λ²/(λ₁² + λ₂²) along each, σ the mean.
+
+    Not isotropic as a fluid membrane's: it resists shear with σ, beside the springs' G.
+    """
+    x0, faces = mesh.icosphere(1)  # all faces are equilateral
+    membrane = mb.make_membrane(x0, faces)
+    x = x0 @ np.diag([1.6, 0.8, 1.0])
+    scratch = mb.make_scratch(membrane)
+    membrane_forces.elastic_forces(x, 0 * x, membrane, only(term), scratch, np.empty_like(x))
+    growth = mesh.area(x, faces) / membrane.rest_area - 1
+    for f, corners in enumerate(faces):
+        force = np.stack([row[3 * f : 3 * f + 3] for row in scratch.corners], axis=1)
+        a, b, c = x[corners]
+        area = np.linalg.norm(np.cross(b - a, c - a)) / 2
+        sides, rest = (
+            np.stack([y[1] - y[0], y[2] - y[0]], axis=1) for y in (x[corners], x0[corners])
+        )
+        squares = np.linalg.svd(sides @ np.linalg.pinv(rest))[1][:2] ** 2
+        mean = (area - membrane.rest_areas[f]) / area / 2 if term == "kal" else growth / 2
+        tension = np.linalg.eigvalsh(-(x[corners] - a).T @ force / area)
+        tension = sorted(tension, key=abs)[1:]
+        assert sorted(tension) == pytest.approx(sorted(2 * mean * squares / squares.sum()))
+
+
 def test_bending_modulus_is_that_of_the_network_on_a_cylinder():
     n = 100
     edge = 2 * np.sin(np.pi / n)
