@@ -100,7 +100,8 @@ Bounds = tuple[Bound, Bound]
 
 
 Spread = Annotated[float, Field(ge=0, le=1)]
-Spring = Annotated[float, Field(gt=0, le=1e6)]
+Spring = Annotated[float, Field(ge=1e-3, le=1e6)]
+"""Spring constant of a cell; smaller ones make a Ca that overflows, and no cell has them."""
 DEFORMABILITIES = ("deformation_index_{}", "stiffness_set_{}", "ks_{}_uN_per_m", "rigid_{}")
 """Fields of a cell type of which a request names one."""
 
