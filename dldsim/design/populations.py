@@ -14,7 +14,7 @@ from dldsim.analysis.domain import Domain
 from dldsim.analysis.features import CellInFlow
 from dldsim.analysis.stiffness import stiffness_at
 from dldsim.analysis.surrogate import BEAD
-from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.config.design_sections import DEFORMABILITIES, SPRING_LEAST, DesignRequest
 from dldsim.config.feasibility import smallest_passable_um
 from dldsim.config.sections import CellShape, Flow, Stiffness
 from dldsim.design.deformability import SLIT, ks_of_index, ks_of_sets, seen_at
@@ -198,15 +198,15 @@ def make_population(
         if found["truncated"]:
             basis += "; its interval reaches the end of the calibrated range"
     ks = stiffness.ks_uN_per_m
-    if ks == 0:
-        raise DldsimError(
-            f"{key}: the spring constant k_s is 0, and Ca = μU/k_s, by which cells are known, has "
-            "no value.",
-            key=key,
-            value=ks,
-            allowed="k_s above 0",
-        )
     low, high = (ks, ks) if ends is None else (ends["ks_uN_per_m_low"], ends["ks_uN_per_m_high"])
+    if min(low, ks) < SPRING_LEAST:
+        raise DldsimError(
+            f"{key}: k_s = {min(low, ks):g} µN/m has no finite Ca = μU/k_s, by which cells "
+            f"are known; allowed {SPRING_LEAST:g} or more.",
+            key=key,
+            value=min(low, ks),
+            allowed=f"k_s of {SPRING_LEAST:g} µN/m or more",
+        )
     made = Population(
         number,
         name,
