@@ -241,6 +241,7 @@ def test_request_course_dashboard_and_downloads(tab, service):
     shoot(tab, "live")
     heading(tab, "Ranked candidates")
     sys.stdout.write(f"click to dashboard: {time.monotonic() - start:.1f} s\n")
+    tab.get_by_text("Report (HTML)").first.wait_for()  # files come after the dashboard
     settled(tab)
     shoot(tab, "dashboard")
     identifier = tab.url.split("design=")[1].split("&")[0]

@@ -20,6 +20,7 @@ from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.design_form import BOUNDS
 from dldsim.app.web.ui.parts import chart, frame, plain
 
+FILES_POLL_S = 0.7
 VERDICT_POLL_S = 5.0
 FILE_NAMES = {"json": "JSON", "csv": "CSV", "gds": "GDSII mask", "dxf": "DXF mask"}
 MIME = {
@@ -257,6 +258,9 @@ def _shown(value: float | None, unit: str = "°", form: str = ".2f") -> str:
 
 def _downloads(status: answers.DesignStatus, candidate: int) -> None:
     st.subheader("Downloads")
+    if status.state not in client.FINAL:
+        _files_pending(status.id)
+        return
     groups = [(f"Candidate {candidate}", [f for f in status.files if f.candidate == candidate])]
     groups += [
         (f"Simulated design {n}", [f for f in status.files if f.verified == n])
@@ -282,6 +286,18 @@ def _downloads(status: answers.DesignStatus, candidate: int) -> None:
                     icon=":material/download:",
                     help=plain(f"{file.name}, SHA-256 {file.sha256}"),
                 )
+
+
+@st.fragment(run_every=FILES_POLL_S)
+def _files_pending(identifier: str) -> None:
+    try:
+        found = client.design(identifier)
+    except ApiError as error:
+        parts.show(error)
+        return
+    if found.state in client.FINAL:
+        st.rerun()
+    st.write("Masks and report are being written.")
 
 
 def _fetch(file: answers.FileInfo):
