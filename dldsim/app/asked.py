@@ -8,6 +8,7 @@ import pandas as pd
 
 from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
 from dldsim.design.cell_source import CellSource, make_sources
+from dldsim.design.finished_campaign import calibration_of
 from dldsim.design.measured_cells import Measured
 from dldsim.design.motion import History, history_of
 from dldsim.design.populations import Population
@@ -37,12 +38,12 @@ def ask(
     tables: Mapping[str, pd.DataFrame],
     measured: Both = (None, None),
 ) -> Asked:
-    """``tables``: `outcomes`, and `calibration` and `survey` if there are any; ``measured``: cells
+    """``tables``: `outcomes`, and calibrations and `survey` if there are any; ``measured``: cells
     whose mean and scatter the request has (`with_measured`).
 
     Raises DldsimError as `make_sources` does.
     """
-    sources = make_sources(request, populations, tables.get("calibration"), measured)
+    sources = make_sources(request, populations, calibration_of(tables), measured)
     parts = [tables[kind] for kind in ("outcomes", "survey") if tables.get(kind) is not None]
     outcomes = parts[0] if len(parts) == 1 else pd.concat(parts, ignore_index=True)
     first, second = (history_of(outcomes, population.shape) for population in populations)

@@ -54,8 +54,7 @@ def resolve(
 
 def resolve_by(known: Campaign, request: DesignRequest) -> list[Population]:
     """The same by what a finished campaign knows."""
-    sets = {name: Stiffness(**values) for name, values in known.settings["stiffness_sets"].items()}
-    return resolve(request, known.chip.flow, sets, known.calibration, known.model)
+    return resolve(request, known.chip.flow, known.sets, known.calibration, known.model)
 
 
 def scene_of(settings: Mapping) -> Scene:

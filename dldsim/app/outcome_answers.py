@@ -14,7 +14,7 @@ from dldsim.app.design_answers import scene_of
 from dldsim.config.design_sections import Device
 from dldsim.config.explain import validate
 from dldsim.config.provenance import derive_seed, provenance
-from dldsim.config.sections import Geometry, Stiffness
+from dldsim.config.sections import Geometry
 from dldsim.design.cell_check import (
     PROCESSES,
     Compared,
@@ -225,7 +225,6 @@ def _drawn(
     flow = flow_of(asked.request, known.chip.flow)
     device = design.device
     stream = Stream(1e3 * device.sample_position_mm, device.sample_width_um, flow.height_um)
-    sets = {n: Stiffness(**v) for n, v in known.settings["stiffness_sets"].items()}
 
     def drawing(source: CellSource):
         def of(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -238,7 +237,7 @@ def _drawn(
         count,
         [drawing(source) for source in asked.sources],
         [scene.cell.model_copy(update={"shape": p.shape}) for p in asked.populations],
-        lambda ks: stiffness_at(ks, sets, "ks_uN_per_m"),
+        lambda ks: stiffness_at(ks, known.sets, "ks_uN_per_m"),
         design.geometry.gap_um,
         scene.numerics.spacing_um / 2,
         derive_seed(seed, "checked cells"),

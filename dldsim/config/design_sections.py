@@ -100,7 +100,9 @@ Bounds = tuple[Bound, Bound]
 
 
 Spread = Annotated[float, Field(ge=0, le=1)]
-Spring = Annotated[float, Field(gt=0, le=1e6)]
+SPRING_LEAST = 1e-3
+"""Least spring constant of a cell [µN/m]; smaller ones have no finite Ca, and no cell has them."""
+Spring = Annotated[float, Field(ge=SPRING_LEAST, le=1e6)]
 DEFORMABILITIES = ("deformation_index_{}", "stiffness_set_{}", "ks_{}_uN_per_m", "rigid_{}")
 """Fields of a cell type of which a request names one."""
 

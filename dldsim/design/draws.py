@@ -49,7 +49,7 @@ def check_scatter(scatter: Scatter, key: str, unit: str) -> None:
     if below > NEGATIVE_SHARE:
         most = scatter.mean / -norm.ppf(NEGATIVE_SHARE)
         raise DldsimError(
-            f"{key} = {scatter.std:.4g} {unit} about a mean of {scatter.mean:.4g} {unit}: "
+            f"{key}: {scatter.std:.4g} {unit} about a mean of {scatter.mean:.4g} {unit}: "
             f"{below:.1%} of a normal distribution would be negative; allowed 0 to {most:.3g} "
             f"{unit} (a coefficient of variation of {most / scatter.mean:.2f}).",
             key=key,

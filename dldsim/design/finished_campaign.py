@@ -61,6 +61,11 @@ class Campaign(NamedTuple):
         """`calibration_of` its tables."""
         return calibration_of(self.tables)
 
+    @property
+    def sets(self) -> dict[str, Stiffness]:
+        """Its stiffness sets by name."""
+        return {n: Stiffness(**values) for n, values in self.settings["stiffness_sets"].items()}
+
 
 def calibration_of(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     """Calibration of the campaign's own cells, and of others where there are some; None without."""

@@ -2,9 +2,12 @@
 
 import hashlib
 import re
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from dldsim.config.design_sections import Device
 from dldsim.design.layout import LAYERS, Layout, circle
@@ -12,6 +15,7 @@ from dldsim.files import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.path import Path as Outline
 
 MAX_POINTS = 8190
 """A GDSII polygon holds no more."""
@@ -124,7 +128,7 @@ def write_dxf(layout: Layout, path: Path) -> None:
 def draw_mask(path: Path, device: Device) -> "Figure":
     """Picture of a GDSII file as it is on disk: the whole device, and its array at the inlet."""
     import gdstk
-    from matplotlib.collections import PolyCollection
+    from matplotlib.collections import PathCollection, PolyCollection
     from matplotlib.figure import Figure
 
     colours = {
@@ -141,8 +145,13 @@ def draw_mask(path: Path, device: Device) -> "Figure":
         shapes = [
             p.points for p in top.get_polygons(layer=getattr(device, f"layer_{name}"), datatype=0)
         ]
-        alpha = 0.5 if name == "documentation" else 1
         for panel in panels:
+            if name == "pillars":  # thousands, none of which meets another
+                panel.add_collection(
+                    PathCollection([_as_one(shapes)], facecolor=colour, linewidth=0)
+                )
+                continue
+            alpha = 0.5 if name == "documentation" else 1
             panel.add_collection(PolyCollection(shapes, facecolor=colour, alpha=alpha, linewidth=0))
     panels[0].autoscale()
     (left, _), (_, high) = top.bounding_box()
@@ -152,3 +161,15 @@ def draw_mask(path: Path, device: Device) -> "Figure":
     for panel, title in zip(panels, ("Device", "Sample stream entering the array"), strict=True):
         panel.set(aspect="equal", title=title, xlabel="x [µm]", ylabel="y [µm]")
     return figure
+
+
+def _as_one(polygons: Sequence[np.ndarray]) -> "Outline":
+    """Polygons (n, 2) each as one outline, which is drawn at once."""
+    from matplotlib.path import Path as Outline
+
+    closed = [points for polygon in polygons for points in (polygon, polygon[:1])]
+    ends = np.cumsum([len(polygon) + 1 for polygon in polygons])
+    codes = np.full(ends[-1], Outline.LINETO, Outline.code_type)
+    codes[ends - 1] = Outline.CLOSEPOLY
+    codes[np.r_[0, ends[:-1]]] = Outline.MOVETO
+    return Outline(np.concatenate(closed), codes)

@@ -5,7 +5,7 @@ Ca = μU/k_s, in which the surrogate predicts. Nothing else of a cell enters but
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ from dldsim.analysis.domain import Domain
 from dldsim.analysis.features import CellInFlow
 from dldsim.analysis.stiffness import stiffness_at
 from dldsim.analysis.surrogate import BEAD
-from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.config.design_sections import DEFORMABILITIES, SPRING_LEAST, DesignRequest
 from dldsim.config.feasibility import smallest_passable_um
 from dldsim.config.sections import CellShape, Flow, Stiffness
 from dldsim.design.deformability import SLIT, ks_of_index, ks_of_sets, seen_at
@@ -109,7 +109,14 @@ class Population(NamedTuple):
         }
 
 
-def flow_of(request: DesignRequest, flow: Flow) -> Flow:
+class InFlow(Protocol):
+    """What names a flow."""
+
+    velocity_mm_s: float | None
+    height_um: float | None
+
+
+def flow_of(request: InFlow, flow: Flow) -> Flow:
     """The campaign's flow with the velocity and height that a request names."""
     named = {"mean_velocity_mm_s": request.velocity_mm_s, "height_um": request.height_um}
     return flow.model_copy(update={k: v for k, v in named.items() if v is not None})
@@ -159,7 +166,8 @@ def make_population(
     """One cell type: a stiffness set named is taken as it is, else the moduli are those at its k_s.
 
     Raises DldsimError for a set that neither campaign nor calibration knows, an index outside the
-    calibrated range or without a calibration, and beads where no spheres were learnt.
+    calibrated range or without a calibration, beads where no spheres were learnt, and a channel too
+    low for the cell.
     """
     index_key, set_key, ks_key, rigid_key, shape_key, _ = asked.keys
     index, ends, by = asked.deformation_index, None, None
@@ -191,6 +199,14 @@ def make_population(
             basis += "; its interval reaches the end of the calibrated range"
     ks = stiffness.ks_uN_per_m
     low, high = (ks, ks) if ends is None else (ends["ks_uN_per_m_low"], ends["ks_uN_per_m_high"])
+    if min(low, ks) < SPRING_LEAST:
+        raise DldsimError(
+            f"{key}: k_s = {min(low, ks):g} µN/m has no finite Ca = μU/k_s, by which cells "
+            f"are known; allowed {SPRING_LEAST:g} or more.",
+            key=key,
+            value=min(low, ks),
+            allowed=f"k_s of {SPRING_LEAST:g} µN/m or more",
+        )
     made = Population(
         number,
         name,
@@ -209,6 +225,15 @@ def make_population(
         shape_key=shape_key,
     )
     width, width_basis = narrowest(made, calibration, assay)
+    if 0 < flow.height_um < width:
+        raise DldsimError(
+            f"height_um = {flow.height_um:.4g}: cell type {number} needs {width:.3g} µm "
+            f"({width_basis}).",
+            key=("height_um", asked.keys[-1]),
+            value=flow.height_um,
+            allowed=f"{width:.3g} µm or more, or 0 for a channel without top and bottom",
+            remedy="Name a higher channel, or 0 for one without top and bottom.",
+        )
     return made._replace(width_um=width, width_basis=width_basis)
 
 

@@ -160,6 +160,8 @@ def render(figure: Figure, kind: str) -> bytes:
     stream = io.BytesIO()
     metadata = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}[kind]
     with matplotlib.rc_context(STYLE):
+        if (engine := figure.get_layout_engine()) is not None:
+            engine.execute(figure)
+            figure.set_layout_engine(None)  # once: saving would draw twice, a second file differ
         figure.savefig(stream, format=kind, dpi=170, metadata=metadata, facecolor="white")
-    figure.set_layout_engine("none")  # a second file is laid out like the first
     return stream.getvalue()

@@ -22,7 +22,7 @@ PLAUSIBLE = {
     "cell_radius_um": (0.1, 100),
     "radius_um": (0.1, 100),
     "deformation_index": (0, 1),
-    "capillary_number": (0, 1e6),
+    "capillary_number": (1e-12, 1e6),
     "migration_angle_deg": (-90, 90),
     "mean_velocity_mm_s": (1e-6, 1e4),
     "velocity_mm_s": (1e-6, 1e4),

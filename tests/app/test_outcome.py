@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from dldsim.app import cli, outcome_answers
-from dldsim.app.asked import with_measured
+from dldsim.app.asked import ask, with_measured
+from dldsim.app.design_answers import resolve_by
+from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.design.finished_campaign import packaged_campaign, read_campaign
 from dldsim.design.measured_cells import read_measured
 from dldsim.tables.parquet import read_rows
 from tests.app.test_cli import call
@@ -134,6 +137,18 @@ def test_measured_indices_give_stiffnesses(capsys, campaign, tmp_path):
     words[-1] = far
     code, _, message = outcome(capsys, campaign, *words)
     assert code == 2 and "deformation_index" in message
+
+
+def test_measured_indices_are_read_at_every_radius_that_is_calibrated():
+    """The packaged campaign calibrates discs of 7.5 µm, its library those of other radii."""
+    known = read_campaign(packaged_campaign(), Device(), 1.0)
+    table = b"radius_um,deformation_index\n6.9,0.10\n7.1,0.11\n7.3,0.12\n"
+    cells = read_measured(table, "a.csv"), None
+    request = DesignRequest(name="a", **with_measured({"stiffness_set_2": "3"}, cells))
+    asked = ask(request, resolve_by(known, request), known.tables, cells)
+    ks = asked.sources[0].measured_ks
+    assert ks is not None and list(ks) == sorted(ks, reverse=True)
+    assert ks.min() < asked.populations[0].stiffness.ks_uN_per_m < ks.max()
 
 
 def test_what_was_measured_replaces_what_was_said():

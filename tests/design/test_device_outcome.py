@@ -171,8 +171,8 @@ def test_a_cascade_from_an_outlet_without_cells_is_refused():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"radius_cv_1": 0.6}, r"radius_cv_1 = 3.6 µm .* negative"),
-        ({"radius_std_2_um": 4.0}, r"radius_std_2_um = 4 µm about a mean of 8 µm"),
+        ({"radius_cv_1": 0.6}, r"radius_cv_1: 3.6 µm .* negative"),
+        ({"radius_std_2_um": 4.0}, r"radius_std_2_um: 4 µm about a mean of 8 µm"),
     ],
 )
 def test_radii_that_are_negative_are_refused(changes, message):

@@ -33,7 +33,7 @@ def test_a_negative_radius_is_never_drawn_and_many_are_refused():
     assert Scatter(3.0, 1.0).quantile(LEVELS).min() > 0
     check_scatter(Scatter(3.0, 0.9), "radius_std_1_um", "µm")
     check_scatter(Scatter(3.0, 3.0, "lognormal"), "radius_std_1_um", "µm")
-    with pytest.raises(DldsimError, match=r"radius_std_1_um = 1.5 µm .* 2.3% .* allowed 0 to 0.97"):
+    with pytest.raises(DldsimError, match=r"radius_std_1_um: 1.5 µm .* 2.3% .* allowed 0 to 0.97"):
         check_scatter(Scatter(3.0, 1.5), "radius_std_1_um", "µm")
 
 

@@ -174,6 +174,24 @@ def test_what_no_assay_can_tell_is_refused(changes, words, key):
     assert caught.value.keys == (key,)
 
 
+def test_a_cell_without_a_capillary_number_is_refused():
+    sets = SETS | {"none": SOFT.model_copy(update={"ks_uN_per_m": 0.0})}
+    request = ask(ks_1_uN_per_m=None, stiffness_set_1="none")
+    with pytest.raises(DldsimError, match="stiffness_set_1: k_s = 0 .* allowed 0.001 or more"):
+        make_populations(request, Flow(), sets, None, DOMAINS)
+    with pytest.raises(ValueError, match="ks_1_uN_per_m"):
+        ask(ks_1_uN_per_m=5e-324)
+
+
+def test_a_channel_too_low_for_the_cell_is_refused():
+    disc, _ = made(calibration=None, height_um=0)
+    assert made(calibration=None, height_um=disc.width_um)[0].width_um == disc.width_um
+    for height in (disc.width_um * 0.99, 5e-324):
+        with pytest.raises(DldsimError, match="height_um = .* needs .*thickness") as caught:
+            made(calibration=None, height_um=height)
+        assert caught.value.keys == ("height_um", "radius_1_um")
+
+
 def test_the_narrowest_gap_rests_on_what_is_known():
     """Passage of a slit, thickness at rest, tube, or diameter."""
     by_index, by_ks = made(deformation_index_1=0.6)

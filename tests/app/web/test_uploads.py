@@ -84,6 +84,7 @@ def test_a_table_of_another_kind_is_named(campaign):
         ("migration_angle_deg", "9999", ["9999"]),
         ("migration_angle_deg", "inf", ["finite"]),
         ("ks_uN_per_m", "-1", ["-1"]),
+        ("capillary_number", "0", ["0", "1e-12 to 1e+06"]),
         ("gap_um", "12 um", ["'12 um' is no number"]),
         ("releases", "1.5", ["whole number"]),
         ("outcome_id", "", ["outcome_id"]),

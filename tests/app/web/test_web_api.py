@@ -310,14 +310,26 @@ def test_a_prediction_tells_what_acts_on_the_cell(client):
     named = client.post(f"{PREFIX}/predict", json=PLACE | {"deformation_index_std": 0.02}).json()
     cell = named["cell"]
     assert cell["ks_low_uN_per_m"] < cell["ks_uN_per_m"] < cell["ks_high_uN_per_m"]
-    for change, part in (
-        ({"rigid": True, "cell_shape": "sphere"}, "no spheres"),
-        ({"ks_uN_per_m": 10, "velocity_mm_s": 9}, "velocities of"),
-        ({"ks_uN_per_m": 10, "rigid": True}, "exactly one of"),
-        ({}, "exactly one of deformation_index"),
-    ):
-        answer = client.post(f"{PREFIX}/predict", json=place | change)
-        assert answer.status_code == 422 and part in answer.json()["message"], change
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "part"),
+    [
+        ({"rigid": True, "cell_shape": "sphere"}, "rigid", "no spheres"),
+        ({"ks_uN_per_m": 10, "velocity_mm_s": 9}, "velocity_mm_s", "velocities of"),
+        ({"ks_uN_per_m": 10, "rigid": True}, "rigid", "exactly one of"),
+        ({}, "deformation_index", "exactly one of deformation_index"),
+        ({"ks_uN_per_m": 5e-324}, "ks_uN_per_m", "≥ 0.001"),
+        ({"stiffness_set": "9"}, "stiffness_set", "stiffness_set: stiffness set 9 is not known"),
+        ({"deformation_index": 0.99}, "deformation_index", "deformation_index = 0.99 is outside"),
+        ({"ks_uN_per_m": 10, "height_um": 1}, "height_um", "cell type 1 needs"),
+    ],
+)
+def test_what_cannot_be_predicted_is_told_at_its_field(client, change, field, part):
+    place = {k: v for k, v in PLACE.items() if k != "deformation_index"}
+    answer = client.post(f"{PREFIX}/predict", json=place | change)
+    assert answer.status_code == 422 and part in answer.json()["message"], answer.json()
+    assert field in [f["field"] for f in answer.json()["fields"]], answer.json()
 
 
 def test_a_vanishing_cell_is_refused(client):

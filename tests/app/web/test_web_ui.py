@@ -152,6 +152,18 @@ def test_the_first_lines_say_what_answers_hold_for(service):
     assert any("Holds for biconcave discs" in str(text) for text in first), first
 
 
+def test_the_dashboard_does_not_wait_for_the_files(service):
+    page = opened()
+    button(page, "Search for designs").click().run()
+    service.finish()
+    done = service.designs[ID]
+    service.designs[ID] = done.model_copy(update={"state": "running", "files": []})
+    shown = texts(sound(page.run()))
+    assert "Ranked candidates" in shown and "Masks and report are being written" in shown
+    service.designs[ID] = done
+    assert "are being written" not in texts(sound(page.run()))
+
+
 def test_cancelled_and_failed_searches_say_so(service):
     page = opened()
     button(page, "Search for designs").click().run()

@@ -75,7 +75,7 @@ def out_of_range(spec: BaseModel, name: str, allowed: str) -> Refused:
 def infeasible(spec: BaseModel, error: DldsimError) -> Refused:
     """A request that cannot be met, with the fields that are at fault."""
     given = spec.model_dump()
-    named = []
+    named, left_out = [], []
     for fault in error.faults:
         for name in (key.replace("device.", "") for key in fault.keys):
             value = _at(given, name)
@@ -83,7 +83,11 @@ def infeasible(spec: BaseModel, error: DldsimError) -> Refused:
                 named.append(
                     answers.FieldProblem(field=name, value=shown(value), message=str(fault))
                 )
-    return Refused(422, "infeasible", str(error), named)
+            elif name in given:
+                left_out.append(
+                    answers.FieldProblem(field=name, value="left out", message=str(fault))
+                )
+    return Refused(422, "infeasible", str(error), named or left_out)
 
 
 def _at(given: Any, name: str) -> Any:
@@ -143,7 +147,10 @@ def _invalid(request: Request, error: RequestValidationError) -> Response:
         if not path:
             value = ""
         message = f"{name or 'request'}{' = ' + value if value else ''}: allowed: {allowed}"
-        keys = getattr(details.get("ctx", {}).get("error"), "keys", ())
+        error_there = details.get("ctx", {}).get("error")
+        if isinstance(getattr(error_there, "__cause__", None), DldsimError):
+            message = str(error_there)  # says by itself what, where and what is allowed
+        keys = getattr(error_there, "keys", ())
         fields += [
             answers.FieldProblem(field=ascii_safe(key), value=value, message=ascii_safe(message))
             for key in keys or [name]

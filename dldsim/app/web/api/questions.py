@@ -7,11 +7,11 @@ from fastapi import APIRouter, Response
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis.calibration import default_curves, stiffness_for
-from dldsim.app import design_answers
 from dldsim.app.web.api import answers, specs
 from dldsim.app.web.api.data import Source, columns_of, table_rows
 from dldsim.app.web.api.problems import PREFIX, infeasible, problems
 from dldsim.app.web.api.service import CampaignQuery, Service, calibration_of
+from dldsim.design.populations import flow_of, make_population
 from dldsim.design.task import angle_interval, check_cell
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
@@ -36,10 +36,19 @@ def make_router(service: Service) -> APIRouter:
     def predict(spec: specs.PredictSpec) -> answers.Prediction:
         """The angle of one cell type in one array, and what acts on the cell."""
         source = service.source(spec.campaign)
-        model = source.known.model
+        known, model = source.known, source.known.model
         place = (spec.pillar_radius_um, spec.gap_um, spec.periodicity)
         try:
-            cell, _ = design_answers.resolve_by(source.known, spec.request)
+            cell = make_population(
+                1,
+                "prediction",
+                spec.asked,
+                flow_of(spec, known.chip.flow),
+                known.sets,
+                known.calibration,
+                model.domains,
+                spec.assay,
+            )
             check_cell("prediction", cell, model)
         except DldsimError as error:
             raise infeasible(spec, error) from error
@@ -51,7 +60,7 @@ def make_router(service: Service) -> APIRouter:
         warnings = list(source.provenance.warnings)
         if not inside:
             warnings.append(OUTSIDE)
-        safety = source.known.chip.safety_distance_um
+        safety = known.chip.safety_distance_um
         if spec.gap_um <= spec.pillar_radius_um + safety:
             warnings.append(
                 "gap_um does not exceed pillar_radius_um by the safety distance of "

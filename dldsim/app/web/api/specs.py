@@ -9,12 +9,15 @@ from dldsim.app.web.api.ranges import LARGEST, in_range, no_flags
 from dldsim.config.design_sections import DesignRequest, Spring, check_cell_type
 from dldsim.config.sections import Fraction, Name, Section, Shape, Unfit
 from dldsim.design.measured_cells import Measured, read_measured
+from dldsim.design.populations import Asked
 from dldsim.errors import DldsimError
 
 SETS_LENGTH = 64
 CSV_LENGTH = 100_000
 """Characters of a table of measured cells: some ten thousand cells."""
 SEED_MAX = 2**31 - 1
+CELL_TYPE = ("deformation_index", "stiffness_set", "ks_uN_per_m", "rigid")
+"""Fields of a single cell type of which a request names one."""
 UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
 CampaignId = Annotated[
     str,
@@ -162,25 +165,22 @@ class PredictSpec(Section):
 
     @model_validator(mode="after")
     def _one_name(self) -> "PredictSpec":
-        keys = "deformation_index", "stiffness_set", "ks_uN_per_m", "rigid"
-        check_cell_type(self, keys, "cell_shape", "deformation_index_std")
+        check_cell_type(self, CELL_TYPE, "cell_shape", "deformation_index_std")
         return self
 
     @property
-    def request(self) -> DesignRequest:
-        """A design request whose two cell types are this one."""
-        cell = {f"shape_{i}": self.cell_shape for i in (1, 2)}
-        for i in (1, 2):
-            cell |= {
-                f"radius_{i}_um": self.cell_radius_um,
-                f"deformation_index_{i}": self.deformation_index,
-                f"deformation_index_std_{i}": self.deformation_index_std,
-                f"stiffness_set_{i}": self.stiffness_set,
-                f"ks_{i}_uN_per_m": self.ks_uN_per_m,
-                f"rigid_{i}": self.rigid,
-            }
-        named = self.model_dump(include={"assay", "velocity_mm_s", "height_um"})
-        return DesignRequest(name="prediction", **cell, **named)
+    def asked(self) -> Asked:
+        """The cell type, with the names that its fields have here."""
+        return Asked(
+            self.cell_shape,
+            self.cell_radius_um,
+            self.deformation_index,
+            self.deformation_index_std or 0.0,
+            self.stiffness_set,
+            self.ks_uN_per_m,
+            self.rigid,
+            (*CELL_TYPE, "cell_shape", "cell_radius_um"),
+        )
 
 
 class StiffnessSpec(Section):

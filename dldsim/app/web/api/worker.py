@@ -6,6 +6,7 @@ input: a line wakes it up, the end of the pipe ends it, so that no worker outliv
 
 import contextlib
 import hashlib
+import importlib
 import json
 import os
 import shutil
@@ -28,6 +29,8 @@ from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
 
 REPORT_EVERY_S = 0.3
+NEEDED = ("optuna", "scipy.stats", "xgboost", "dldsim.report.design_page", "ezdxf", "gdstk")
+"""Slow imports of a search and its files."""
 IDLE_S = 60.0
 """After so long without work a simulating process ends, and its memory is free."""
 
@@ -64,12 +67,11 @@ class Worker:
         os._exit(0)
 
     def _warm_up(self) -> None:
-        """Import what a search needs and read the campaign, before somebody waits for it."""
+        """Import what a search and its files need and read the campaign, before somebody waits."""
         with contextlib.suppress(DldsimError):  # told with every answer, and by health
             if self.lane != VERIFICATION:
-                import optuna  # noqa: F401
-                import xgboost  # noqa: F401
-
+                for name in NEEDED:
+                    importlib.import_module(name)
                 self.data.own()
 
     def _do(self, job: Job) -> None:

@@ -23,10 +23,15 @@ def page() -> None:
     st.divider()
     if status is None:
         st.button("Forget this design", on_click=_forget)
-    elif status.state in client.FINAL:
+    elif _has_ended(status):
         design_result.show(info, status)
     else:
         _live(identifier)
+
+
+def _has_ended(status: answers.DesignStatus) -> bool:
+    """Whether the search has; the files of a result may still be written."""
+    return status.state in client.FINAL or status.result is not None
 
 
 def _forget() -> None:
@@ -68,7 +73,7 @@ def _live(identifier: str) -> None:
         parts.show(error)
         st.caption("The design is kept by the service. This page goes on asking.")
         return
-    if status.state in client.FINAL:
+    if _has_ended(status):
         st.rerun()
     progress = status.progress
     if status.state == "queued":
@@ -76,7 +81,7 @@ def _live(identifier: str) -> None:
         st.subheader("Waiting")
         st.write("Next in the queue." if not before else f"{before} jobs are before this one.")
     else:
-        st.subheader("Searching" if progress.stage == "search" else "Writing the files")
+        st.subheader("Searching")
         share = progress.trial / progress.trials if progress.trials else 0.0
         left = "" if not progress.left_s else f", about {progress.left_s:.0f} s left"
         st.progress(
