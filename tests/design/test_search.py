@@ -135,7 +135,8 @@ def test_designs_inside_the_training_domain_come_first():
         ({"shape_1": "sphere"}, ["shape_1 = sphere was not learnt", "biconcave"]),
         ({"ca_2": 0.5}, ["both cell types", "Change"]),
         ({"gap_um": (4, 6)}, ["no geometry", "safety", "gap_um"]),
-        ({"radius_1_um": 40.0}, ["no geometry", "squeezed"]),
+        ({"radius_1_um": 40.0, "height_um": 80.0}, ["no geometry", "squeezed"]),
+        ({"radius_1_um": 40.0}, ["height_um = 20: cell type 1 needs", "higher channel"]),
     ],
 )
 def test_impossible_requests_are_refused(changes, words):
