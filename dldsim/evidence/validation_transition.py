@@ -29,6 +29,8 @@ SPHERE_VELOCITY = 0.003
 """Mean velocity in lattice units, within the bound of the time step for such stiff membranes."""
 SPHERE_CONTACT = 0.4
 """Reach of the contact in nodes, as in the campaign."""
+THIN_CONTACT, THIN_TRANSITIONS = 0.1, ((10, 40), (16, 48))
+"""Reach and scenes of the searches that show what the contact's film does."""
 FIRST_STEP, LAST_STEP = 0.06, 0.02
 """Of the search, over the gap: outward from the law, then bisection down to this interval."""
 BUMPING = 0.97
@@ -61,7 +63,8 @@ def rigid_transition() -> Iterator[Comparison]:
     Without mark: the value extrapolated from two resolutions, by the first order of a sphere that
     the coupling and the film it leaves make larger by a part of a node; and, as a lower bound, the
     critical diameter of a point-like follower in the plane, twice the width of the first lane: the
-    law, of finite spheres, lies 18 to 27 % above it.
+    law, of finite spheres, lies 18 to 27 % above it; and the diameter with a contact of shorter
+    reach, which is all that differs.
     """
     table = {
         row["periodicity"]: row
@@ -119,14 +122,28 @@ def rigid_transition() -> Iterator[Comparison]:
                 note=f"from {coarse} and {pitch} nodes per pitch; ±{spread:.3f} from the bisection",
             )
         coarser[periodicity] = middle, pitch
+    for periodicity, pitch in THIN_TRANSITIONS:
+        low, high, passages = critical_interval(sphere_flow(periodicity, pitch, THIN_CONTACT))
+        yield Comparison(
+            f"critical diameter, contact of {THIN_CONTACT:g} nodes",
+            (low + high) / 2,
+            critical_diameter(1, 1 / periodicity),
+            source=SOURCE_OF_DAVIS,
+            unit="gap",
+            parameter=periodicity,
+            parameter_of="periodicity N_p",
+            resolution=pitch / 2,
+            resolution_of=GAP_NODES,
+            note=f"{len(passages)} spheres; otherwise the contact reaches {SPHERE_CONTACT:g} nodes",
+        )
 
 
-def sphere_flow(periodicity: int, pitch: int) -> EmptyFlow:
-    """Flow through the empty array, ``pitch`` in nodes."""
+def sphere_flow(periodicity: int, pitch: int, contact: float = SPHERE_CONTACT) -> EmptyFlow:
+    """Flow through the empty array, ``pitch`` and reach of the contact in nodes."""
     geometry = Geometry(pillar_radius_um=GAP_UM / 2, gap_um=GAP_UM, periodicity=periodicity)
     spacing = geometry.pitch_um / pitch
     numerics = Numerics(
-        spacing_um=spacing, velocity_lu=SPHERE_VELOCITY, contact_range_um=SPHERE_CONTACT * spacing
+        spacing_um=spacing, velocity_lu=SPHERE_VELOCITY, contact_range_um=contact * spacing
     )
     return solve_empty_array(geometry, SPHERE_FLOW, numerics)
 

@@ -36,11 +36,14 @@ def test_search_brackets_the_critical_diameter(monkeypatch, periodicity, share):
 
 def test_transition_is_compared_with_law_and_bound(monkeypatch):
     spheres_that_bump_from(0.5, [], monkeypatch)
-    monkeypatch.setattr(validation_transition, "sphere_flow", lambda n_p, pitch: array(n_p))
+    monkeypatch.setattr(validation_transition, "sphere_flow", lambda n_p, *rest: array(n_p))
     rows = run_case("rigid-transition")
     marked = [row for row in rows if row["mark"] is not None]
     again = [row for row in rows if row["variant"] == "extrapolated"]
-    assert len(marked) == len(validation_transition.TRANSITIONS) == (len(rows) - len(again)) / 4
+    thin = [row for row in rows if "contact of 0.1 nodes" in row["quantity"]]
+    others = len(again) + len(thin)
+    assert len(marked) == len(validation_transition.TRANSITIONS) == (len(rows) - others) / 4
+    assert [row["parameter"] for row in thin] == [10, 16]
     assert [row["parameter"] for row in again] == [5, 10]
     for row in marked:
         assert row["value"] == pytest.approx(0.5, abs=LAST_STEP / 2)

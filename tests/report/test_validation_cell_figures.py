@@ -17,7 +17,7 @@ def table(monkeypatch, tmp_path):
     """Table `validation` of the three cases, with stand-ins for their runs."""
     monkeypatch.setattr(validation_capsule, "shear_run", steady_capsule)
     monkeypatch.setattr(validation_constriction, "simulate_constriction", passing(shift=0.02))
-    monkeypatch.setattr(validation_transition, "sphere_flow", lambda n_p, pitch: array(n_p))
+    monkeypatch.setattr(validation_transition, "sphere_flow", lambda n_p, *rest: array(n_p))
     spheres_that_bump_from(0.5, [], monkeypatch)
     rows = [
         row
