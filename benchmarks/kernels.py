@@ -182,23 +182,19 @@ def repeated(kernel, *arguments) -> Callable[[int], None]:
     return lambda repetitions: loop(repetitions, arguments)
 
 
-@numba.njit
-def _clear(field, value):
-    field[:] = value
-
-
 def cell_parts(scene: CellInFlow) -> dict[str, Callable[[int], None]]:
     """Every part of a step by itself; the scene stays as it is."""
     fluid, body = scene.fluid, scene.body
     x, v, total = body.x.copy(), body.smooth.copy(), body.force.copy()
-    density, answer = np.zeros_like(fluid.force), np.zeros_like(x)
+    density, answer, near = np.zeros_like(fluid.force), np.zeros_like(x), fluid.near.copy()
     return {
         "membrane": repeated(
             membrane_forces.elastic_forces, x, v, scene.membrane, scene.moduli, scene.scratch, total
         ),
         "contact": repeated(contact.contact_forces, x, scene.contact, answer),
         "locate": repeated(immersed_boundary.locate, x, scene.domain, scene.stencil),
-        "clear force": repeated(_clear, density, density.dtype.type(0)),
+        "clear force": repeated(immersed_boundary.clear, density, near),
+        "surround": repeated(immersed_boundary.surround, scene.domain, scene.stencil, near),
         "spread": repeated(immersed_boundary.spread, total * 1e-9, scene.stencil, density),
         "interpolate": repeated(
             immersed_boundary.interpolate, fluid.velocity, fluid.force, 0.5, scene.stencil, answer

@@ -37,7 +37,7 @@ from dldsim.experiments.recording import Record
 from dldsim.solver.flow import Fluid, solve_empty_array
 from dldsim.solver.stream_collide import stream_collide
 
-COUPLING = ("locate", "clear force", "spread", "interpolate", "contact")
+COUPLING = ("locate", "clear force", "surround", "spread", "interpolate", "contact")
 FIELDS = "force and velocity fields"
 NOT_OF_A_RUN = ("(pandas, for comparison)", "lattice and scene, again")
 
@@ -59,7 +59,7 @@ def start_up(flow_file: Path, edge: float, rounds: int) -> dict[str, dict[str, f
 @numba.njit
 def _with_fields(steps, fluid):
     for step in range(steps):
-        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
+        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.near[:0], fluid.scheme)
 
 
 def with_fields(fluid: Fluid):

@@ -72,7 +72,7 @@ def push_steadily(steps, push, fluid, stencil, vertex_velocity, kick):
     fluid.force[:] = 0.0
     spread(push, stencil, fluid.force)
     for step in range(steps):
-        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
+        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.near[:0], fluid.scheme)
     interpolate_both(fluid.velocity, fluid.force, stencil, vertex_velocity, kick)
 
 

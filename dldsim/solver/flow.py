@@ -38,12 +38,15 @@ def advance_fluid(steps, fluid):
     nothing = fluid.velocity[:0]
     for step in range(steps):
         asked = fluid.velocity if step == steps - 1 else nothing
-        stream_collide(step, fluid.f, nothing, asked, fluid.scheme)
+        stream_collide(step, fluid.f, nothing, asked, fluid.near[:0], fluid.scheme)
 
 
 @dataclass
 class Fluid:
-    """Populations and fields of one scene; arrays as in :mod:`dldsim.solver.lattice`."""
+    """Populations and fields of one scene; arrays as in :mod:`dldsim.solver.lattice`.
+
+    ``near``: blocks outside of which ``force`` is zero.
+    """
 
     lattice: Lattice
     relaxation_time: float
@@ -56,6 +59,7 @@ class Fluid:
         self.f = aligned_zeros(19 * n, self.dtype)
         self.force = aligned_zeros(3 * n, self.dtype)
         self.velocity = aligned_zeros(3 * n, self.dtype)
+        self.near = np.ones(len(self.lattice.streaming.part_start) - 1, np.uint8)
         self.buffer = aligned_zeros(26 * int(BLOCK), self.dtype)
         self.steps = 0
         self.set_body_force((0.0, 0.0, 0.0))
@@ -84,7 +88,7 @@ class Fluid:
     @property
     def state(self) -> FluidState:
         """What the kernels work on."""
-        return FluidState(self.f, self.force, self.velocity, self.scheme)
+        return FluidState(self.f, self.force, self.velocity, self.near, self.scheme)
 
     def advance(self, steps: int) -> None:
         """Advance by an even number of steps."""

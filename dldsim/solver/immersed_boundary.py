@@ -11,7 +11,10 @@ import numpy as np
 
 from dldsim.solver.jit import aligned_zeros, jit, restrict
 from dldsim.solver.lattice import Lattice, held, neighbour
+from dldsim.solver.streaming import BLOCK, ONE
 
+FAR = 1 << 40
+"""Beyond what a vertex can have moved, nodes."""
 REACH = 4
 """Nodes of the widest kernel along one axis: how far the tables of a domain go beyond its ends."""
 
@@ -23,7 +26,8 @@ class Domain(NamedTuple):
     or 0; ``level`` (nz + 2 REACH): height of a node from REACH below the floor on, or of its image
     if it is beyond a mirror; ``between``: whether it is between plates, 1 or 0; ``upright``: the
     same for components along z, which a mirror reverses, 0 on it. ``width`` is ny + REACH;
-    ``nodes`` of fluid; ``split``: the mirror passes through the last layer.
+    ``before`` (nx * ny + 1): nodes in the columns before the one at x * ny + y; ``split``: the
+    mirror passes through the last layer.
     """
 
     nx: int
@@ -37,7 +41,7 @@ class Domain(NamedTuple):
     level: np.ndarray
     between: np.ndarray
     upright: np.ndarray
-    nodes: int
+    before: np.ndarray
     split: bool
 
 
@@ -62,7 +66,7 @@ def make_domain(lattice: Lattice, dtype=np.float64) -> Domain:
         np.where(between, layer % nz, 0).astype(np.uint32),
         between.astype(dtype),
         (sign * between).astype(dtype),
-        lattice.nodes,
+        np.append(0, np.cumsum(lattice.column.ravel() >= 0) * nz).astype(np.uint32),
         lattice.split,
     )
 
@@ -347,10 +351,66 @@ def interpolate_both(velocity, force, stencil, vertex_velocity, vertex_force):
 
 
 @jit
-def add_images(field, domain):
-    """Add what images beyond a mirror spread to a layer on it: as much as the vertices did."""
+def surround(domain, stencil, near):
+    """Set ``near`` (blocks,) to 1 for blocks of fluid that hold nodes of the stencil, else to 0.
+
+    Those of all columns in a box around the vertices, and of the column that stands for solid ones;
+    all blocks where the box does not fit the domain.
+    """
+    x, y, points = stencil.axis_first[3], stencil.axis_first[4], len(stencil.own_points)
+    left, right, bottom, top = FAR, -FAR, FAR, -FAR
+    for v in range(len(x)):  # what is not finite is far away
+        ix = np.int64(x[v] if abs(x[v]) < FAR else FAR)
+        iy = np.int64(y[v] if abs(y[v]) < FAR else FAR)
+        left, right = min(left, ix), max(right, ix)
+        bottom, top = min(bottom, iy), max(top, iy)
+    nx, ny, wide = domain.nx, domain.ny, top - bottom + points
+    if max(right, top) == FAR or right - left + points > nx or wide > ny:
+        near[:] = 1
+        return
+    near[:] = 0
+    _mark(0, domain.nz, near)
+    for ix in range(left, right + points):
+        wraps = ix // nx
+        row = (ix - wraps * nx) * ny
+        first = (bottom - wraps * domain.row_shift) % ny
+        beyond = max(first + wide - ny, 0)
+        _mark(domain.before[row + first], domain.before[row + first + wide - beyond], near)
+        _mark(domain.before[row], domain.before[row + beyond], near)
+
+
+@jit
+def _mark(start, stop, near):
+    """Set the blocks of the nodes from ``start`` to before ``stop`` to 1."""
+    if stop > start:
+        for block in range(np.uint64(start) // BLOCK, (np.uint64(stop) - ONE) // BLOCK + ONE):
+            near[block] = 1
+
+
+@restrict
+def clear(field, near):
+    """Set the field (3 * stride,) to zero in the blocks that are near."""
+    stride, zero = np.uint64(len(field)) // np.uint64(3), field.dtype.type(0)
+    for block in range(np.uint64(len(near))):
+        if near[block]:
+            for d in range(np.uint64(3)):
+                a = d * stride + block * BLOCK
+                for i in range(BLOCK):
+                    field[a + i] = zero
+
+
+@jit
+def add_images(field, domain, near):
+    """Add what images beyond a mirror spread to a layer on it: as much as the vertices did.
+
+    ``field`` is zero in the blocks that are not near.
+    """
     if domain.split:
-        stride = len(field) // 3
-        for d in range(2):
-            for i in range(domain.nz - 1, domain.nodes, domain.nz):
-                field[d * stride + i] += field[d * stride + i]
+        stride, nz = np.uint64(len(field)) // np.uint64(3), np.uint64(domain.nz)
+        nodes = np.uint64(domain.before[-1])
+        for block in range(np.uint64(len(near))):
+            if near[block]:
+                start, stop = block * BLOCK, min((block + ONE) * BLOCK, nodes)
+                for i in range(start + nz - ONE - start % nz, stop, nz):
+                    for d in range(np.uint64(2)):
+                        field[d * stride + i] += field[d * stride + i]

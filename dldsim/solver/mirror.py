@@ -50,11 +50,12 @@ def reflect(x, v, smooth, mirror):
 
 
 @jit
-def spread_both(force, stencil, domain, mirror, field):
+def spread_both(force, stencil, domain, mirror, near, field):
     """Add the vertex forces (R, 3), and those of the images, to the density ``field`` (3 stride,).
 
     Images spread to the images of nodes, which stand for these nodes; a vertex on the plane is its
-    own image and gives half of its force from either side.
+    own image and gives half of its force from either side. ``near`` (blocks,): see
+    `immersed_boundary.surround`.
     """
     for i in range(mirror.plane):
         for d in range(3):
@@ -63,7 +64,7 @@ def spread_both(force, stencil, domain, mirror, field):
     for i in range(mirror.plane):
         for d in range(3):
             force[i, d] *= 2.0
-    add_images(field, domain)
+    add_images(field, domain, near)
 
 
 @dataclass(frozen=True)

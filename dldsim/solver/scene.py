@@ -75,12 +75,13 @@ def largest_gain(scene: "CellInFlow", push) -> float:
     force, answer = np.zeros_like(scene.body.force), np.zeros_like(scene.body.force)
     count = len(force)
     density, nothing = np.zeros_like(scene.fluid.force), np.zeros_like(scene.fluid.force)
+    everywhere = np.ones_like(scene.fluid.near)
     gain = 0.0
     for _ in range(ITERATIONS):
         mode *= STRAIN / np.linalg.norm(mode)
         push(mode, force)
         density[:] = 0
-        spread_both(force, stencil, scene.domain, scene.mirror, density)
+        spread_both(force, stencil, scene.domain, scene.mirror, everywhere, density)
         interpolate(density, nothing, 0.0, stencil, answer)
         # Rayleigh quotient in the norm of A, in which W A is self-adjoint.
         work = np.vdot(share * force, mode[:count])

@@ -27,6 +27,7 @@ class FluidState(NamedTuple):
     f: np.ndarray
     force: np.ndarray
     velocity: np.ndarray
+    near: np.ndarray
     scheme: Scheme
 
 
@@ -65,41 +66,52 @@ def _rows(f):
 
 
 @jit
-def stream_collide(step, f, force, velocity, scheme):
+def stream_collide(step, f, force, velocity, near, scheme):
     """Time step number ``step`` of the populations ``f`` (19 * stride,).
 
     Before an even step and after an odd one every population is in its own row, as it left its
     node. ``force``, ``velocity`` (3 * stride,): force density beside the uniform one, and the
     velocity that belongs to the state between streaming and collision; either may be empty: no
-    force, and velocity not asked for.
+    force, and velocity not asked for. ``near`` (blocks,): 1 where they are not, 0 where there is no
+    force and velocity stays as it was; empty: 1 everywhere.
     """
     streaming, parameters, inertia, buf = scheme
     spare = np.uint64(20) * BLOCK
-    forced, asked = np.uint64(len(force) > 0), np.uint64(len(velocity) > 0)
-    forces = _components(force if forced else buf[spare + np.uint64(3) * BLOCK :])
-    velocities = _components(velocity if asked else buf[spare : spare + np.uint64(3) * BLOCK])
+    nothing = _components(buf[spare + np.uint64(3) * BLOCK :])
+    anywhere = _components(buf[spare : spare + np.uint64(3) * BLOCK])
     odd = step % 2 == 1
     meet_walls(odd, f, streaming)
     blocks = np.uint64(len(streaming.part_start)) - ONE
     rows = _rows(f if odd else buf[: np.uint64(19) * BLOCK])
-    for block in range(blocks):
-        first = block * BLOCK
-        if odd:
-            double(block, f, streaming)
-        else:
-            take(block, f, streaming, buf)
-        collide(
-            rows,
-            first * np.uint64(odd),
-            forces,
-            first * forced,
-            velocities,
-            first * asked,
-            parameters,
-            inertia,
-        )
-        if not odd:
-            put(block, buf, streaming, f)
+    start = np.uint64(0)
+    while start < blocks:
+        here = len(near) == 0 or near[start] != 0
+        stop = start + ONE
+        while stop < blocks and (len(near) == 0 or (near[stop] != 0) == here):
+            stop += ONE
+        forced = np.uint64(here and len(force) > 0)
+        asked = np.uint64(here and len(velocity) > 0)
+        forces = _components(force) if forced else nothing
+        velocities = _components(velocity) if asked else anywhere
+        for block in range(start, stop):
+            first = block * BLOCK
+            if odd:
+                double(block, f, streaming)
+            else:
+                take(block, f, streaming, buf)
+            collide(
+                rows,
+                first * np.uint64(odd),
+                forces,
+                first * forced,
+                velocities,
+                first * asked,
+                parameters,
+                inertia,
+            )
+            if not odd:
+                put(block, buf, streaming, f)
+        start = stop
 
 
 @jit

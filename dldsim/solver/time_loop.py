@@ -9,7 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from dldsim.solver.contact import Contact, contact_forces
-from dldsim.solver.immersed_boundary import Domain, Stencil, interpolate, interpolate_both, locate
+from dldsim.solver.immersed_boundary import (
+    Domain,
+    Stencil,
+    clear,
+    interpolate,
+    interpolate_both,
+    locate,
+    surround,
+)
 from dldsim.solver.jit import jit
 from dldsim.solver.lattice import Lattice
 from dldsim.solver.membrane import Membrane, Moduli, Scratch
@@ -144,8 +152,10 @@ def mean_velocity(velocity, drive):
 
 
 @jit
-def step_fluid(step, fluid, before, drive):
+def step_fluid(step, fluid, before, drive, everywhere):
     """Time step number ``step`` of the fluid under the force density of the membrane.
+
+    The velocity is that of the step ``everywhere`` or, if need be only there, near the membrane.
 
     Now and then the body force is corrected towards the target of the drive, and staggered
     momentum is damped, for which ``before`` is room for populations.
@@ -153,9 +163,11 @@ def step_fluid(step, fluid, before, drive):
     damping = step % DAMPING_INTERVAL == DAMPING_INTERVAL - 1
     if damping:
         before[:] = fluid.f
-    stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
+    control = step % CONTROL_INTERVAL == CONTROL_INTERVAL - 1
+    near = fluid.near[:0] if control or everywhere else fluid.near
+    stream_collide(step, fluid.f, fluid.force, fluid.velocity, near, fluid.scheme)
     parameters = fluid.scheme.parameters
-    if step % CONTROL_INTERVAL == CONTROL_INTERVAL - 1:
+    if control:
         mean_velocity(fluid.velocity, drive)
         for d in range(2):
             for e in range(2):
@@ -184,9 +196,10 @@ def advance_no_slip(start, steps, fluid, before, body, elasticity, coupling, dri
         elastic_forces(body.x, body.smooth, membrane, moduli, scratch, body.force)
         contact_forces(body.x, contact, body.force)
         locate(body.x, domain, stencil)
-        fluid.force[:] = 0.0
-        spread_both(body.force, stencil, domain, mirror, fluid.force)
-        step_fluid(step, fluid, before, drive)
+        clear(fluid.force, fluid.near)
+        surround(domain, stencil, fluid.near)
+        spread_both(body.force, stencil, domain, mirror, fluid.near, fluid.force)
+        step_fluid(step, fluid, before, drive, step == start + steps - 1)
         interpolate_both(fluid.velocity, fluid.force, stencil, body.v, body.kick)
         if step % NORMAL_INTERVAL == 0:
             vertex_normals(scratch, body.normal)
@@ -233,6 +246,8 @@ def advance_dissipative(start, steps, fluid, before, body, elasticity, coupling,
                 body.drag[i, d] = motion.friction * (body.v[i, d] - body.smooth[i, d])
                 body.force[i, d] -= body.drag[i, d]
                 body.v[i, d] += body.force[i, d] / (2.0 * motion.mass)
-        fluid.force[:] = 0.0
-        spread_both(body.drag, stencil, domain, mirror, fluid.force)
-        step_fluid(step, fluid, before, drive)
+        clear(fluid.force, fluid.near)
+        surround(domain, stencil, fluid.near)
+        spread_both(body.drag, stencil, domain, mirror, fluid.near, fluid.force)
+        # The next step asks for velocities where the vertices will then be.
+        step_fluid(step, fluid, before, drive, True)

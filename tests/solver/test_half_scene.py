@@ -29,6 +29,7 @@ from dldsim.solver.immersed_boundary import (
     make_domain,
     make_stencil,
     spread,
+    surround,
 )
 from dldsim.solver.lattice import make_lattice
 from dldsim.solver.membrane import Moduli, make_membrane, make_scratch
@@ -115,7 +116,7 @@ def test_streaming_equals_the_lower_half_of_its_loop_form(height, interpolated):
     whole += whole[MIRRORED, :, ::-1]
     nodes_of(fluid.f, lattice)[:19] = whole[:, :, :19]
     for step in range(4):
-        stream_collide(step, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
+        stream_collide(step, *fluid.state)
         whole = naive.stream(whole, lattice.column, height, True, 4, fraction)
         if step % 2 == 1:
             after = nodes_of(fluid.f, lattice)
@@ -234,7 +235,9 @@ def test_spreading_and_interpolation_equal_those_of_the_whole(height, kernel):
         stencils.append(make_stencil(len(x), kernel))
         locate(x, domains[-1], stencils[-1])
         fields.append(np.zeros(3 * lattice.stride))
-    spread_both(forces[0], stencils[0], domains[0], mirror, fields[0])
+    near = np.zeros(len(lattices[0].streaming.part_start) - 1, np.uint8)
+    surround(domains[0], stencils[0], near)
+    spread_both(forces[0], stencils[0], domains[0], mirror, near, fields[0])
     spread(forces[1], stencils[1], fields[1])
     np.testing.assert_array_equal(forces[0], force)
     nz = lattices[0].nz

@@ -10,6 +10,7 @@ from dldsim.solver.immersed_boundary import (
     POINTS,
     ROMA,
     TRAPEZOID,
+    clear,
     interpolate,
     interpolate_both,
     kernel_weights,
@@ -17,8 +18,10 @@ from dldsim.solver.immersed_boundary import (
     make_domain,
     make_stencil,
     spread,
+    surround,
 )
 from dldsim.solver.lattice import make_lattice
+from dldsim.solver.streaming import BLOCK
 from tests.solver import naive
 
 
@@ -152,3 +155,43 @@ def test_a_vertex_and_its_image_touch_the_same_nodes(rng, kernel):
             assert np.array_equal(getattr(moved, table), getattr(stencil, table))
             before, after = (getattr(each, f"{table}_weight") for each in (stencil, moved))
             np.testing.assert_allclose(after, before, rtol=0, atol=1e-13)
+
+
+# ------------------------------------------------------------------ blocks near the membrane
+
+
+def blocks(lattice):
+    return np.zeros(len(lattice.streaming.part_start) - 1, np.uint8)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("height", [8, 17, 150])
+@pytest.mark.parametrize("centre", [(6, 5), (12.3, 0.2), (-11.8, 9.9), (100.1, -47.4)])
+def test_near_blocks_hold_the_stencil(rng, kernel, height, centre):
+    # Across both periodic sides, with solids; the densities that are not zero are all in them, and
+    # blocks that no column of a box around the vertices is in are left out.
+    lattice, domain = box_domain((30, 20, height), walls=True, solid=rng.random((30, 20)) < 0.2)
+    x = rng.uniform([*centre, 0.1], [*np.add(centre, 5), height - 0.1], (60, 3))
+    near, stencil = blocks(lattice), stencil_at(x, domain, kernel)
+    surround(domain, stencil, near)
+    held = (stencil.column[:, :, None] + stencil.level[:, None]) // int(BLOCK)
+    assert near[held.astype(int)].all()
+    assert 0 < near.mean() < 0.5
+    field = np.zeros(3 * lattice.stride)
+    spread(rng.normal(size=x.shape), stencil, field)
+    assert np.count_nonzero(field) > 60
+    clear(field, near)
+    assert not field.any()
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf, -np.inf, 1e300, 40.0])
+@pytest.mark.parametrize("which", [0, slice(None)])
+def test_every_block_is_near_a_membrane_that_is_not_bounded(rng, broken, which):
+    lattice, domain = box_domain((30, 20, 17))
+    x = rng.uniform(6, 9, (40, 3))
+    x[which, 1] = broken
+    if broken == 40.0:
+        x[-1, 1] = 8.0
+    near, stencil = blocks(lattice), stencil_at(x, domain, "compact")
+    surround(domain, stencil, near)
+    assert near.all()

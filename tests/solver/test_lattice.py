@@ -21,7 +21,7 @@ def make_fluid(lattice, relaxation_time=0.8, collision="trt", inertia=False, dty
 
 def step(fluid, number):
     """One step of that number; after odd ones populations are in their own rows."""
-    stream_collide(number, fluid.f, fluid.force, fluid.velocity, fluid.scheme)
+    stream_collide(number, *fluid.state)
 
 
 def nodes_of(array, lattice):

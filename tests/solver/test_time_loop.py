@@ -1,8 +1,11 @@
-"""The drive of a scene: towards its target, and none where none is asked for."""
+"""The loop of a scene: its drive, towards a target or none, and what it leaves out."""
 
 import numpy as np
 import pytest
 
+from dldsim.solver.immersed_boundary import locate, spread, surround
+from dldsim.solver.stream_collide import stream_collide
+from dldsim.solver.streaming import BLOCK
 from dldsim.solver.time_loop import CONTROL_INTERVAL, CONTROL_TIME, make_drive
 from tests.solver.test_scene import make_cell
 
@@ -32,3 +35,69 @@ def test_the_body_force_is_corrected_by_what_the_mean_velocity_lacks(coupling):
     share = CONTROL_INTERVAL / CONTROL_TIME
     expected = share * np.linalg.solve(MOBILITY, TARGET)
     np.testing.assert_allclose(body_force(scene), [*expected, 0.0], rtol=1e-9)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+@pytest.mark.parametrize("inertia", ["stokes", "navier-stokes"])
+@pytest.mark.parametrize("collision", ["trt", "bgk"])
+def test_a_fluid_with_fields_near_the_membrane_only_goes_the_same_way(
+    precision, inertia, collision
+):
+    # Across both periodic sides. Velocities of far blocks stay as they were, others are the same.
+    scenes = [
+        make_cell(
+            precision=precision,
+            inertia=inertia,
+            collision=collision,
+            box=(24, 20, 13),
+            place=(1.0, 19.0, 6.5),
+        )
+        for _ in range(2)
+    ]
+    for scene in scenes:
+        scene.body.x[:, 0] += 0.2 * (scene.body.x[:, 0] - 1.0)
+        scene.advance(10)
+    few, every = (scene.fluid for scene in scenes)
+    body, domain, stencil = scenes[0].body, scenes[0].domain, scenes[0].stencil
+    locate(body.x, domain, stencil)
+    surround(domain, stencil, few.near)
+    assert 0 < few.near.mean() < 0.8
+    push = np.random.default_rng(0).normal(size=body.force.shape) * 1e-4
+    for fluid in (few, every):
+        fluid.force[:] = 0
+        spread(push, stencil, fluid.force)
+    few.velocity[:] = 7.0
+    for step in range(2):
+        stream_collide(step, *few.state)
+        stream_collide(step, every.f, every.force, every.velocity, every.near[:0], every.scheme)
+    assert np.array_equal(few.f, every.f)
+    ours, theirs = (
+        fluid.velocity.reshape(3, -1)[:, : few.near.size * int(BLOCK)].reshape(3, -1, int(BLOCK))
+        for fluid in (few, every)
+    )
+    near = few.near.astype(bool)
+    assert np.array_equal(ours[:, near], theirs[:, near])
+    assert (ours[:, ~near] == 7.0).all()
+
+
+@pytest.mark.parametrize("coupling", ["no-slip", "dissipative"])
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_in_parts_a_cell_goes_the_same_way(coupling, precision):
+    parts, whole = (make_cell(coupling, precision, box=(24, 20, 13)) for _ in range(2))
+    for scene in (parts, whole):
+        scene.fluid.set_body_force((1e-5, 0.0, 0.0))
+    for steps in (2, 18, 4, 40, 12):
+        parts.advance(steps)
+    whole.advance(76)
+    for ours, theirs in zip(parts.body, whole.body, strict=True):
+        assert np.array_equal(ours, theirs)
+    assert np.array_equal(parts.fluid.f, whole.fluid.f)
+    assert np.array_equal(parts.fluid.velocity, whole.fluid.velocity)
+
+
+def test_the_last_step_leaves_the_velocity_of_all_nodes():
+    scene = make_cell(box=(24, 20, 13))
+    scene.fluid.velocity[:] = 7.0
+    scene.advance(2)
+    assert not scene.fluid.near.all()
+    assert np.abs(scene.fluid.velocity_field()).max() < 1e-3
