@@ -21,6 +21,7 @@ from dldsim import PHYSICS_VERSION
 from dldsim.config.provenance import flattened
 from dldsim.config.sections import CellShape, Flow, Geometry, Stiffness
 from dldsim.errors import DldsimError
+from dldsim.experiments.releases import far
 from dldsim.files import atomic_path, why_not_read
 from dldsim.solver.mesh import frequency_of, resample
 from dldsim.solver.pillars import ArrayLattice
@@ -65,9 +66,14 @@ class SettledCell:
     transition_distance: float | None = None
 
     @property
-    def rests(self) -> bool:
-        """Whether it rests in the bump lane."""
-        return self.status == AT_REST
+    def goes_on(self) -> bool:
+        """Whether a finer run may go on with it, and need not release the cell.
+
+        Near the transition where a cell is released decides its motion, and what goes on is no
+        release. At rest in the bump lane a cell does not show its distance from the transition, and
+        a release takes hardly longer.
+        """
+        return self.status != AT_REST and far(self.transition_distance)
 
     def same_motion(self, other: "SettledCell") -> bool:
         """Whether both intervals have an angle in common."""
