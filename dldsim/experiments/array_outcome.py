@@ -77,10 +77,10 @@ def simulate_outcome(
     what was seen. No cell enters where it does not fit: such a place is left out, and the reason of
     the outcome names it.
 
-    ``starts``: settled cells of a coarser simulation by place of release. Of each motion that they
-    show, the first goes on here instead of a release if it is far from the transition
-    (`SettledCell.goes_on`). One run stands for all places of its motion where that `stays`;
-    otherwise the cell is released there.
+    ``starts``: settled cells of a coarser simulation by place of release. Where they show one
+    motion, far from the transition (`SettledCell.goes_on`), the first goes on here instead of a
+    release; where they show several, the cell is released from the first place of each. One run
+    stands for all places of its motion where that `stays`; otherwise the cell is released there.
 
     ``finished``: releases of this outcome that were simulated before, with the same settings.
     ``keep`` is called with place and result of each release when it is done; ``observe`` as in
@@ -91,7 +91,7 @@ def simulate_outcome(
     migrations = {place: migration_of(run.row) for place, run in runs.items()}
     first = first_of_motion({place: starts[place] for place in places if place in starts})
     leading = [place for place, other in first.items() if place == other]
-    gone_on = [place for place in leading if starts[place].goes_on]
+    gone_on = [place for place in leading if starts[place].goes_on] if len(leading) == 1 else []
     stands: dict[float, float] = {}
 
     def together() -> dict[float, Migration]:

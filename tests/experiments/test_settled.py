@@ -166,11 +166,11 @@ SHIFT = np.degrees(np.arctan(0.25))
             (1.0, NEAR),
             {0.5: True, 0.2: False, 0.8: False},
         ),
-        # Two motions, each followed; the cell at rest in the bump lane is released.
+        # Two motions, each from a release; the cell at rest in the bump lane is released.
         (
             {0.5: (1.0, FAR), 0.2: (1.0, FAR), 0.8: (SHIFT, 0.3)},
             (1.0, FAR),
-            {0.5: True, 0.8: False},
+            {0.5: False, 0.8: False},
         ),
         ({0.5: (SHIFT, 0.3), 0.2: (SHIFT, 0.3)}, (SHIFT, 0.3), {0.5: False}),
         # Another motion than before stands for nothing.
