@@ -8,6 +8,8 @@ DECIDED = (ALIKE, COEXISTING)
 STUCK, UNSTABLE = "stuck", "unstable"
 BROKEN = (STUCK, UNSTABLE, "failed")
 """Statuses of a run that broke off, and of an outcome without an angle."""
+RELEASED, GONE_ON = "release", "settled"
+"""How a run begins: with a release, or with the settled cell of a coarser run."""
 BUMP = "bump"
 MODES = (BUMP, "mixed", "zigzag", "none")
 GEOMETRY = ["pillar_radius_um", "gap_um", "periodicity"]

@@ -27,7 +27,7 @@ from dldsim import PHYSICS_VERSION, __version__
 from dldsim.config.provenance import settings_hash
 from dldsim.errors import DldsimError
 from dldsim.tables.numerics import settings_of
-from dldsim.vocabulary import ALIKE, BUMP, COEXISTING, SETTLED
+from dldsim.vocabulary import ALIKE, BUMP, COEXISTING, RELEASED, SETTLED
 
 Row = Mapping[str, Any]
 Pair = tuple[Row, Row]
@@ -85,11 +85,12 @@ def spread(errors: Sequence[float]) -> dict[str, Any]:
 def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
     """Model of σ_num from outcomes at the campaign's and at finer numerics.
 
-    ``distance``: σ_d from the pairs whose transition distance is known twice, by the side on which
-    they are at the campaign's numerics. ``share``: c from decided pairs on the same side of the
-    transition. What the intervals of the angles account for is not taken out of c, which is on the
-    safe side. Raises DldsimError for pairs whose numerics
-    differ, without pairs, and for a reference on no finer lattice, whose error would be none.
+    ``distance``: σ_d from the pairs whose transition distance is known twice, each from releases,
+    by the side on which they are at the campaign's numerics. What goes on from a settled cell lacks
+    the passes on the way there, so that its distance is another. ``share``: c from decided pairs on
+    the same side of the transition. What the intervals of the angles account for is not taken out
+    of c, which is on the safe side. Raises DldsimError for pairs whose numerics differ, without
+    pairs, and for a reference on no finer lattice, whose error would be none.
     """
     made_with: list[dict[str, Any]] = []
     for row, _ in pairs:
@@ -104,7 +105,7 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
     shares, ratios = [], []
     for row, reference in pairs:
         known = row["transition_distance"], reference["transition_distance"]
-        if None not in known:
+        if None not in known and reference["start"] == RELEASED:
             distances[_side(row)].append(known[0] - known[1])
         error = error_of(row, reference)
         decided = row["status"] == reference["status"] == ALIKE

@@ -21,8 +21,9 @@ Row = Mapping[str, Any]
 
 CAMPAIGN, REFERENCE, FINEST = "campaign", "reference", "finest"
 """Numerics of a pair: the campaign's own, those of the reference, the finest."""
-COARSER = {REFERENCE: CAMPAIGN, FINEST: REFERENCE}
-"""Numerics whose settled cells a pair goes on with."""
+COARSER = {FINEST: REFERENCE}
+"""Numerics whose settled cells a pair goes on with. Those of the reference are released, as in the
+campaign: the transition distance of what goes on lacks the passes on the way, and is another."""
 
 
 def pairs(config: Config) -> list[tuple[str, str]]:
@@ -46,8 +47,8 @@ def study_numerics(name: str, config: Config) -> dict[str, Any]:
 def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
     """Everything that one simulation of a pair depends on, as plain values.
 
-    At the campaign's numerics the cell is released and followed as in the campaign; at the others
-    what was simulated before, whose settled cells it goes on with, is among them.
+    At the campaign's numerics the cell is released and followed as in the campaign; where it goes
+    on with the settled cells of what was simulated before, that is among them.
     """
     geometry, stiffness_set = parse_outcome(run)
     study, common = config.reference, common_sections(config)
@@ -58,7 +59,8 @@ def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
             "max_rows": study.rows,
             "outcome_rows_max": study.rows * len(study.releases),
         }
-        common["coarser"] = pair_settings(run, COARSER[name], config)
+        if name in COARSER:
+            common["coarser"] = pair_settings(run, COARSER[name], config)
     return {
         "geometry": geometry.model_dump(mode="json"),
         "stiffness_set": stiffness_set,

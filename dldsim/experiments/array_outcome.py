@@ -23,10 +23,10 @@ from dldsim.experiments.migration import Migration
 from dldsim.experiments.recording import Record
 from dldsim.experiments.releases import far, next_release, outcome_of, taken_together
 from dldsim.experiments.runner import Progress
-from dldsim.experiments.settled import RELEASE, SETTLED_CELL, SettledCell
+from dldsim.experiments.settled import SettledCell
 from dldsim.solver.flow import EmptyFlow, solve_empty_array
 from dldsim.solver.scene import CellInFlow
-from dldsim.vocabulary import SETTLED
+from dldsim.vocabulary import GONE_ON, RELEASED, SETTLED
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class OutcomeResult:
 
     row: dict
     runs: dict[float, RunResult]
-    start: str = RELEASE
+    start: str = RELEASED
     settled: dict[float, SettledCell] = field(default_factory=dict)
 
     def rows(self) -> list[dict]:
@@ -79,8 +79,8 @@ def simulate_outcome(
 
     ``starts``: settled cells of a coarser simulation by place of release. Where they show one
     motion, far from the transition (`SettledCell.goes_on`), the first goes on here instead of a
-    release; where they show several, the cell is released from the first place of each. One run
-    stands for all places of its motion where that `stays`; otherwise the cell is released there.
+    release, and stands for all places if its motion `stays`; otherwise the cell is released from
+    the others, too. Where they show several, it is released from the first place of each.
 
     ``finished``: releases of this outcome that were simulated before, with the same settings.
     ``keep`` is called with place and result of each release when it is done; ``observe`` as in
@@ -104,7 +104,8 @@ def simulate_outcome(
 
     while (place := next_place()) is not None:
         other = first.get(place, place)
-        if other != place and other in runs and stays(together()[other], starts[other]):
+        gone = other != place and other in gone_on and other in runs
+        if gone and stays(together()[other], starts[other]):
             stands[place] = other
             continue
         left = control.outcome_rows_max - sum(run.row["rows_completed"] for run in runs.values())
@@ -160,7 +161,7 @@ def simulate_outcome(
             row["stop_reason"] += f"; {place:g} went on with {came_from(starts[place])}"
         if others := [f"{p:g}" for p, standing in stands.items() if standing == place]:
             row["stop_reason"] += f"; {place:g} stands for {', '.join(others)} as there"
-    begun = {SETTLED_CELL if place in gone_on else RELEASE for place in runs}
+    begun = {GONE_ON if place in gone_on else RELEASED for place in runs}
     settled = {
         place: told_of(cell, one)
         for place, one in found.items()

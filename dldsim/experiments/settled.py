@@ -28,8 +28,6 @@ from dldsim.solver.pillars import ArrayLattice
 from dldsim.solver.scene import CellInFlow, shape_at_rest
 from dldsim.vocabulary import SETTLED
 
-RELEASE, SETTLED_CELL = "release", "settled"
-"""How a run begins."""
 AT_REST = SETTLED[0]
 
 

@@ -164,13 +164,15 @@ def test_the_fit_separates_distance_and_share():
         (outcome(BUMP, None), outcome(BUMP, 0.2, **finer)),  # no distance
         (outcome(2.0, -0.2, status="undecided"), outcome(0.5, -0.2, **finer)),  # no share
         (outcome(None, None), outcome(BUMP, None, **finer)),  # nothing
+        # of what went on with a settled cell the angle, not the distance
+        (outcome(BUMP, 0.30), outcome(BUMP - 0.2, 0.9, start="settled", **finer)),
     ]
     fitted = fit_model(pairs)
     sides = fitted["distance"]
     for found, errors in (
         (sides["bump lane"], [0.05, 0.15]),
         (sides["no bump lane"], [0.15, 0.0]),
-        (fitted["share"], [0.2 / BUMP, 0.2 / BUMP, 0.0]),
+        (fitted["share"], [0.2 / BUMP, 0.2 / BUMP, 0.0, 0.2 / BUMP]),
     ):
         assert found["pairs"] == len(errors)
         assert found["rms"] == pytest.approx(math.sqrt(np.mean(np.square(errors))))
@@ -178,7 +180,7 @@ def test_the_fit_separates_distance_and_share():
             found["rms"] * uncertainty.confidence_factor(len(errors))
         )
     assert fitted["spacing_ratio"] == [2.0, 2.0]
-    assert fitted["numerics"] == NUMERICS.model_dump() and len(fitted["pairs"]) == 6
+    assert fitted["numerics"] == NUMERICS.model_dump() and len(fitted["pairs"]) == 7
     json.dumps(fitted, allow_nan=False)
 
 

@@ -29,11 +29,7 @@ def test_a_pair_differs_in_what_the_reference_names(config):
         "max_rows": rows,
         "outcome_rows_max": rows * len(places),
     }
-    assert finer == own | {
-        "numerics": own["numerics"] | changed,
-        "run_control": control,
-        "coarser": own,
-    }
+    assert finer == own | {"numerics": own["numerics"] | changed, "run_control": control}
     assert study.pair_settings(run, study.FINEST, config)["coarser"] == finer
 
 

@@ -13,9 +13,10 @@ from dldsim.experiments.array_outcome import simulate_outcome
 from dldsim.experiments.array_run import RunResult, migration_of, simulate_run
 from dldsim.experiments.array_scene import make_scene
 from dldsim.experiments.migration import mode_of
-from dldsim.experiments.settled import RELEASE, SETTLED_CELL, load, row_origin, save
+from dldsim.experiments.settled import load, row_origin, save
 from dldsim.solver.flow import array_of, solve_empty_array
 from dldsim.solver.time_step import refined
+from dldsim.vocabulary import GONE_ON, RELEASED
 from tests.experiments.small_array import SET_1
 
 BUMPS = Geometry(pillar_radius_um=4, gap_um=5.5, periodicity=6)
@@ -50,7 +51,7 @@ def coarse(request):
 
 def test_on_the_same_lattice_a_settled_motion_goes_on(coarse):
     geometry, before = coarse
-    assert before.row["status"] == "decided" and before.start == RELEASE
+    assert before.row["status"] == "decided" and before.start == RELEASED
     cell = before.settled[0.5]
     again = simulate_run(
         geometry,
@@ -84,20 +85,25 @@ def test_on_the_same_lattice_a_settled_motion_goes_on(coarse):
 
 @pytest.mark.slow
 def test_on_a_finer_lattice_it_comes_to_the_same_in_fewer_rows(coarse):
+    """But for a cell at rest in the bump lane, which is released from all places."""
     geometry, before = coarse
     cold, warm = outcome(geometry, FINE), outcome(geometry, FINE, starts=before.settled)
     bumps = geometry is BUMPS
-    assert (cold.start, warm.start) == (RELEASE, RELEASE if bumps else SETTLED_CELL)
+    assert (cold.start, warm.start) == (RELEASED, RELEASED if bumps else GONE_ON)
     assert warm.row["spacing_um"] == cold.row["spacing_um"] < 0.8 * before.row["spacing_um"]
     assert warm.row["status"] == cold.row["status"] == "decided"
     assert warm.row["mode"] == cold.row["mode"] == ("bump" if bumps else "zigzag")
     resolution = np.degrees(CONTROL.orbit_tolerance / geometry.periodicity)
     angles = [made.row["migration_angle_deg"] for made in (cold, warm)]
     assert angles[0] == pytest.approx(angles[1], abs=resolution)
-    assert warm.row["rows_total"] < 0.7 * cold.row["rows_total"]
-    assert warm.row["releases"] == 1 < cold.row["releases"]
-    assert ("0.5 went on with" in warm.row["stop_reason"]) == (not bumps)
-    assert "0.5 stands for 0.35" in warm.row["stop_reason"]
+    if bumps:
+        assert warm.row["rows_total"] == cold.row["rows_total"]
+        assert warm.row["releases"] == cold.row["releases"] > 1
+    else:
+        assert warm.row["rows_total"] < 0.7 * cold.row["rows_total"]
+        assert warm.row["releases"] == 1 < cold.row["releases"]
+        assert "0.5 went on with" in warm.row["stop_reason"]
+        assert "0.5 stands for 0.35" in warm.row["stop_reason"]
     assert [*warm.settled] == [*cold.settled] == [0.5, 0.35]
     assert warm.row["transition_distance"] == pytest.approx(
         cold.runs[0.5].row["transition_distance"], abs=0.1
@@ -172,7 +178,7 @@ SHIFT = np.degrees(np.arctan(0.25))
             (1.0, FAR),
             {0.5: False, 0.8: False},
         ),
-        ({0.5: (SHIFT, 0.3), 0.2: (SHIFT, 0.3)}, (SHIFT, 0.3), {0.5: False}),
+        ({0.5: (SHIFT, 0.3), 0.2: (SHIFT, 0.3)}, (SHIFT, 0.3), {0.5: False, 0.2: False}),
         # Another motion than before stands for nothing.
         ({0.5: (SHIFT, 0.3), 0.2: (SHIFT, 0.3)}, (1.0, FAR), {0.5: False, 0.2: False}),
         # Nothing to go on with.
@@ -208,7 +214,7 @@ def test_what_goes_on_what_is_released_and_what_stands_for_others(
     made = make()
     assert asked == begun
     assert made.row["releases"] == len(begun) == len(made.runs)
-    words = {True: SETTLED_CELL, False: RELEASE}
+    words = {True: GONE_ON, False: RELEASED}
     assert set(made.start.split(", ")) == {words[went_on] for went_on in begun.values()}
     shares = ("share_bump", "share_mixed", "share_zigzag", "share_none")
     assert sum(made.row[name] for name in shares) == pytest.approx(1)

@@ -84,8 +84,8 @@ def test_a_finer_pair_goes_on_with_the_cells_of_the_coarser_one(tmp_path):
     run = read_config(ROOT / "config.yaml").reference.finest[0]
     wanted = f"results/reference/pairs/{run}--finest.cells.npz"
     jobs = {job.wildcards.numerics: job for job in plan(folder, wanted).jobs}
-    assert set(jobs) == {"campaign", "reference", "finest"}
-    assert not jobs["campaign"].input
+    assert set(jobs) == {"reference", "finest"}
+    assert not jobs["reference"].input
     for finer, coarser in reference_study.COARSER.items():
         assert [*jobs[finer].input] == [jobs[coarser].output.cells]
         assert (
