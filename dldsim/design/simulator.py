@@ -36,11 +36,10 @@ class Scene(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """Files of an outcome: its tables, the shapes of its first release, its settled cells."""
+    """Files of an outcome: its tables, and the shapes of its first release."""
 
     tables: OutcomeFiles
     shapes: Path
-    cells: Path
 
 
 class Simulator:
@@ -49,8 +48,8 @@ class Simulator:
     Called with geometry, population and channel height [µm] it returns the row of `outcomes`. An
     outcome is found again if everything it depends on is the same. The cell has its own shape,
     radius and moduli: what similarity assumes (moduli in proportion) is part of what is checked.
-    On the finer lattice it goes on with the cells that settled on the other
-    (`array_outcome.simulate_outcome`).
+    On the finer lattice the cell is released as well: what goes on with a settled cell misses
+    motions that there are on that lattice alone.
     """
 
     def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
@@ -61,20 +60,19 @@ class Simulator:
     def __call__(
         self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
     ) -> dict:
-        if finer:
-            self(geometry, population, height_um)
         scene = self._at(geometry, height_um, finer)
-        settings = self._settings(geometry, population, scene)
-        if finer:
-            coarser = self._at(geometry, height_um, False)
-            settings["coarser"] = self._settings(geometry, population, coarser)
+        sections = {
+            **{name: getattr(scene, name) for name in ("flow", "numerics", "control")},
+            "cell": self._cell(population),
+            "stiffness": population.stiffness,
+            "geometry": geometry,
+        }
+        settings = {name: section.model_dump(mode="json") for name, section in sections.items()}
         name = self.name(geometry, population, height_um, finer)
         kept = self._files(name)
-        beside = () if finer else (kept.shapes, kept.cells)
-        there = all(path.exists() for path in beside)
+        there = finer or kept.shapes.exists()
         if not (there and made_with(kept.tables.outcome, settings_hash(settings))):
-            coarse = self._files(self.name(geometry, population, height_um)) if finer else None
-            self._simulate(geometry, population, scene, name, settings, coarse)
+            self._simulate(geometry, population, scene, name, settings, recorded=not finer)
         [row] = read_rows("outcomes", kept.tables.outcome)
         return {
             **row,
@@ -117,26 +115,24 @@ class Simulator:
         return row
 
     def _simulate(
-        self, geometry, population, scene: Scene, name: str, settings: Mapping, coarse: Kept | None
+        self, geometry, population, scene: Scene, name: str, settings: Mapping, recorded: bool
     ) -> None:
-        """Simulate an outcome and write its files; from ``coarse`` its tables alone."""
-        from dldsim.experiments import settled
+        """Simulate an outcome and write its tables, and the shapes of its first release."""
         from dldsim.experiments.array_outcome import simulate_outcome
         from dldsim.experiments.vtk import Recorder, write_vtkhdf
 
-        files, shapes, cells = self._files(name)
+        files, shapes = self._files(name)
         partial = Partial(self.directory / name, name, settings)
         finished = partial.finished(scene.control.release_gap_fractions)
-        if coarse is None and not shapes.exists():
+        if recorded and not shapes.exists():
             finished = {}
-        recorder = Recorder(SHAPES_EVERY) if coarse is None else None
-        recorded = bool(finished)
+        recorder = Recorder(SHAPES_EVERY) if recorded and not finished else None
 
         def keep(place: float, result) -> None:
-            nonlocal recorded
-            if recorder and not recorded:
+            nonlocal recorder
+            if recorder:
                 write_vtkhdf(recorder.shapes(geometry, result), shapes, provenance(settings))
-                recorded = True
+                recorder = None
             partial.keep(place, result)
 
         result = simulate_outcome(
@@ -150,13 +146,10 @@ class Simulator:
             stiffness_set=name.rpartition("_s")[2],
             empty_flow=self._empty_flow(geometry, scene),
             finished=finished,
-            starts=settled.load(coarse.cells) if coarse else {},
             keep=keep,
             observe=recorder,
             progress=self.progress,
         )
-        if coarse is None:
-            settled.save(result.settled, cells)
         write_outcome(result, files, settings)
         partial.remove()
 
@@ -169,16 +162,6 @@ class Simulator:
             flow=flow, numerics=next_finer(geometry, numerics) if finer else numerics
         )
 
-    def _settings(self, geometry: Geometry, population: Population, scene: Scene) -> dict[str, Any]:
-        """Everything that an outcome from a release depends on, as plain values."""
-        sections = {
-            **{name: getattr(scene, name) for name in ("flow", "numerics", "control")},
-            "cell": self._cell(population),
-            "stiffness": population.stiffness,
-            "geometry": geometry,
-        }
-        return {name: section.model_dump(mode="json") for name, section in sections.items()}
-
     def _cell(self, population: Population) -> CellShape:
         named = {"shape": population.shape, "radius_um": population.radius_um}
         return self.scene.cell.model_copy(update=named)
@@ -186,7 +169,7 @@ class Simulator:
     def _files(self, name: str) -> Kept:
         folder = self.directory
         tables = (folder / f"{name}.{kind}.parquet" for kind in OutcomeFiles._fields)
-        return Kept(OutcomeFiles(*tables), folder / f"{name}.vtkhdf", folder / f"{name}.cells.npz")
+        return Kept(OutcomeFiles(*tables), folder / f"{name}.vtkhdf")
 
     def _empty_flow(self, geometry: Geometry, scene: Scene):
         """Flow without a cell; the last one is kept, which both cell types share."""

@@ -363,24 +363,20 @@ def test_an_outcome_has_the_radius_of_its_population(simulated):
     assert not (simulator.directory / row["outcome_id"]).exists()  # nothing partial is left
 
 
-def test_a_finer_outcome_goes_on_with_the_settled_cells(simulated, monkeypatch):
+def test_on_the_finer_lattice_the_cell_is_released(simulated, monkeypatch):
+    """And nothing is recorded there, since no file of a design shows it."""
     simulator, row = simulated
-    started = []
+    asked = []
 
-    class Simulated(Exception):
-        pass
+    def stop(*sections, **options):
+        asked.append((sections[4].spacing_um, options.get("starts"), options["observe"]))
+        raise DldsimError("enough seen")
 
-    def stop(*sections, starts, **options):
-        started.append(starts)
-        raise Simulated
-
-    settled = {0.5: "the cell that rests"}
-    monkeypatch.setattr("dldsim.experiments.settled.load", lambda path: settled)
     monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_outcome", stop)
-    with pytest.raises(Simulated):
+    with pytest.raises(DldsimError, match="enough seen"):
         simulator(GEOMETRY, SMALL, 12.0, finer=True)
-    assert started == [settled]
-    assert (simulator.directory / f"{row['outcome_id']}.cells.npz").exists()
+    [(spacing, starts, observe)] = asked
+    assert spacing < row["spacing_um"] and starts is None and observe is None
 
 
 def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
