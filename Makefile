@@ -6,7 +6,7 @@ VENV ?= .venv
 CORES ?= 2
 BIN = $(VENV)/bin
 SITE = NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
-TOGETHER = -n $(CORES) --dist loadfile
+TOGETHER = -n $(CORES) --dist loadfile --no-loadscope-reorder
 
 # Snakemake, the kernels and the plots keep caches in the user's home. Without one that can be
 # written they lie beside the environment.
