@@ -378,7 +378,8 @@ def test_too_few_flows_leave_the_pressure_unknown_and_say_why(campaign, tmp_path
 )
 def test_missing_files_are_told(capsys, campaign, tmp_path, missing, parts):
     folder = shutil.copytree(campaign, tmp_path / "copy")
-    next(folder.glob(f"{missing}.*")).unlink()
+    for path in folder.glob(f"{missing}.*"):
+        path.unlink()
     code, _, message = call(capsys, "design", *ASK, "--results", folder)
     assert code == 2 and all(part in message for part in parts), message
 
