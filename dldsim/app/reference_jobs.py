@@ -4,10 +4,11 @@ An outcome that takes hours loses at most the release under way when it is inter
 releases wait in a folder until it is written. A program failure ends the job; unlike in a campaign
 nothing stands in for its result.
 
-At finer numerics one run stands for all places of release that come to one motion at the coarser
-ones, and goes on from where these have left the cell (`array_outcome.simulate_outcome`): the column
-`start`. Points of a search for a critical gap are released: no coarser run was made at their gaps,
-and near the transition no place stands for another.
+At the finest numerics and in the spot check a cell of one motion, far from the transition, goes on
+from where the coarser run has left it, and that run stands for all places of release
+(`array_outcome.simulate_outcome`): the column `start`. Points of a search for a critical gap are
+released: no coarser run was made at their gaps, and near the transition no place stands for
+another.
 """
 
 import json
