@@ -187,6 +187,11 @@ class Numerics(Section):
     contact_range_um: float = Field(
         0.5, ge=0, le=100, description="reach r_c of the contact repulsion"
     )
+    area_forces: Literal["to-centroid", "gradient"] = Field(
+        "to-centroid",
+        description="of the area terms on a face's vertices: towards its centroid, as in the "
+        "source, which resists shear; or along the gradient of its area",
+    )
 
 
 def thousandths(value: float) -> float:
@@ -297,5 +302,6 @@ CELL_NUMERICS = {
     "edge_to_spacing",
     "friction_nN_s_per_m",
     "contact_range_um",
+    "area_forces",
 }
 """The numerics that a flow without cell does not depend on."""

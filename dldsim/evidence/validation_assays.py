@@ -229,11 +229,13 @@ def sheared(
     nodes: int,
     strain: float,
     flow: Flow,
+    numerics: Numerics | None = None,
 ) -> Sheared:
     """A cell in the scene of the assay `shear` up to a strain; of the ``flow`` only the viscosity
-    counts, and only beside dashpots. Raises DldsimError if unstable."""
+    counts, and only beside dashpots; the contact is left out. Raises DldsimError if unstable."""
     assay = ShearAssay(kind="shear", stress_Pa=stress_Pa, nodes_per_radius=nodes, strain_max=strain)
-    scene = sheared_scene(stiffness, assay, cell, flow, Numerics(contact_range_um=0))
+    numerics = (numerics or Numerics()).model_copy(update={"contact_range_um": 0.0})
+    scene = sheared_scene(stiffness, assay, cell, flow, numerics)
     steps, rows = radius_steps(scene), []
 
     def watch(sample: Sample) -> Stop | None:

@@ -68,7 +68,8 @@ def equilibrium(x, membrane: Membrane, moduli: Moduli, pull, tolerance: float) -
     Fast inertial relaxation engine (Bitzek et al. 2006, Phys. Rev. Lett. 97:170201). The largest
     force left is ``tolerance`` times the total pull; raises DldsimError if that is not reached.
     """
-    moduli, pull = Moduli(*(value / moduli.ks for value in moduli)), pull / moduli.ks
+    scaled = {name: getattr(moduli, name) / moduli.ks for name in ESPRESSO_MODULI}
+    moduli, pull = moduli._replace(**scaled), pull / moduli.ks
     total = np.linalg.norm(pull, axis=1).sum()
     x, v, force, scratch = x.copy(), np.zeros_like(x), np.empty_like(x), mb.make_scratch(membrane)
     step, mixing, downhill = LARGEST_STEP / 2, 0.1, 0

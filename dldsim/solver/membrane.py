@@ -19,7 +19,7 @@ class Moduli(NamedTuple):
     """Coefficients in one consistent system of units; a zero skips its term.
 
     ``neo_hookean``, ``skalak``: surface shear modulus of a continuous membrane, with the latter's
-    area constant C.
+    area constant C. ``isotropic``: whether the area terms act along the gradient of the area.
     """
 
     ks: float
@@ -31,6 +31,7 @@ class Moduli(NamedTuple):
     neo_hookean: float = 0.0
     skalak: float = 0.0
     skalak_c: float = 1.0
+    isotropic: bool = False
 
 
 class Membrane(NamedTuple):
@@ -204,13 +205,13 @@ def energies(
 ) -> Energies:
     """Elastic energy of each term at positions x (V, 3).
 
-    Stretching, bending and volume forces are exactly minus the gradients of these. The area
-    forces derive from no energy: k_α (A − A₀) m_i / Σ|m|² = −k_α/2 (A − A₀) ∇ ln Σ|m|², and Σ|m|²
-    is a function of A only while the shape of the triangle stays the same. Reported is their
-    work under uniform dilation, exact for triangles of any shape: k_α/2 (A − A₀ − A₀ ln(A/A₀)) per
-    face, which is k_α (A − A₀)²/(4 A₀) for small strain, and k_ag (S − S₀)²/(4 S₀). The
-    energy-consistent forces would be −k_α/2 (1 − A₀/A) ∇A and −k_ag/2 (S − S₀)/S₀ ∇S, equal to the
-    ones used where triangles are equilateral.
+    Stretching, bending and volume forces are exactly minus the gradients of these, and so are
+    isotropic area forces, −k_α/2 (1 − A₀/A) ∇A and −k_ag/2 (S − S₀)/S₀ ∇S. Those towards the
+    centroid derive from no energy: k_α (A − A₀) m_i / Σ|m|² = −k_α/2 (A − A₀) ∇ ln Σ|m|², and
+    Σ|m|² is a function of A only while the shape of the triangle stays the same. Reported is the
+    work of both under uniform dilation, exact for triangles of any shape:
+    k_α/2 (A − A₀ − A₀ ln(A/A₀)) per face, which is k_α (A − A₀)²/(4 A₀) for small strain, and
+    k_ag (S − S₀)²/(4 S₀).
     """
     return Energies(*energy_terms(x, membrane, moduli, scratch or make_scratch(membrane)))
 

@@ -12,6 +12,7 @@ S and V the total area and volume, and ₀ for the rest state:
 - local area k_α: k_α (A − A₀) m_i / Σ|m|² on vertex i; derives from no energy, see
   `membrane.energies`
 - global area k_ag: k_ag (S − S₀)/S₀ · A m_i / Σ|m|² on vertex i; likewise
+- both, where isotropic: −∇A in place of 2A m_i / Σ|m|², minus the gradient of an energy
 - volume k_v: −k_v (V − V₀)/V₀ · A n̂/3 on each vertex of a face, which sums to −∇ of
   k_v (V − V₀)²/(2 V₀)
 - viscosity k_visc: k_visc [(v_B − v_A)·d] d/|d|² on end A of an edge AB, d = x_B − x_A; nothing
@@ -48,7 +49,10 @@ def elastic_forces(x, v, membrane, moduli, scratch, force):
         scratch.twists[:] = 0.0
     tension = moduli.kag * (area / membrane.rest_area - 1)
     pressure = -moduli.kv * (volume / membrane.rest_volume - 1)
-    load_corners(membrane, moduli.kal, tension, pressure, scratch)
+    to_centroid = 0.0 if moduli.isotropic else 1.0
+    load_corners(membrane, to_centroid * moduli.kal, to_centroid * tension, pressure, scratch)
+    if moduli.isotropic:
+        add_isotropic_tension(membrane, moduli.kal, tension, scratch)
     collect_corners(scratch, force)
     if moduli.neo_hookean != 0:
         add_neo_hookean_forces(x, membrane, moduli.neo_hookean, force)
@@ -204,6 +208,38 @@ def load_corners(membrane, kal, tension, pressure, scratch):
             uz - wz + nb * mz,
             vz - uz + nc * mz,
         )
+
+
+@restrict
+def add_isotropic_tension(membrane, kal, tension, scratch):
+    """Add to corners what the tension σ of each face, k_α (A − A₀)/(2A) and half of the whole
+    membrane's, does to its vertices: −σ∇A.
+
+    ∇A has of every side half the cotangent of the angle opposite (Pinkall & Polthier 1993, Exp.
+    Math. 2:15), which is −d/(2A), d the dot product of the other two sides.
+    """
+    ax, ay, az, bx, by, bz, cx, cy, cz = scratch.sides
+    fx, fy, fz = scratch.corners
+    rest, areas = membrane.rest_areas, scratch.areas
+    for f in range(len(areas)):
+        sax, say, saz, sbx, sby, sbz = ax[f], ay[f], az[f], bx[f], by[f], bz[f]
+        scx, scy, scz, area = cx[f], cy[f], cz[f], areas[f]
+        factor = -(kal * (area - rest[f]) + tension * area) / (8 * area * area)
+        pa = factor * (sbx * scx + sby * scy + sbz * scz)
+        pb = factor * (scx * sax + scy * say + scz * saz)
+        pc = factor * (sax * sbx + say * sby + saz * sbz)
+        ux, uy, uz = pa * sax, pa * say, pa * saz
+        vx, vy, vz = pb * sbx, pb * sby, pb * sbz
+        wx, wy, wz = pc * scx, pc * scy, pc * scz
+        fx[3 * f] += wx - vx
+        fx[3 * f + 1] += ux - wx
+        fx[3 * f + 2] += vx - ux
+        fy[3 * f] += wy - vy
+        fy[3 * f + 1] += uy - wy
+        fy[3 * f + 2] += vy - uy
+        fz[3 * f] += wz - vz
+        fz[3 * f + 1] += uz - wz
+        fz[3 * f + 2] += vz - uz
 
 
 @restrict

@@ -182,7 +182,8 @@ class CellInFlow:
         self.moduli = stiffness._replace(
             kv=volume_stiffness(
                 stiffness.kv, self.membrane.rest_area, self.membrane.rest_volume, units.viscosity_lu
-            )
+            ),
+            isotropic=numerics.area_forces == "gradient",
         )
         self.radius_um = cell.radius_um
         lattice = fluid.lattice
