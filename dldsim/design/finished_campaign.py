@@ -123,7 +123,8 @@ def check_settings(
 ) -> None:
     """Refuse settings that answers of a campaign do not hold for.
 
-    Compared are the settings that the configuration names: liquid and drive; stiffness sets of the
+    Compared are the settings that the configuration names: liquid and drive; reach of the contact
+    and area forces, which are assumptions about the cell, not resolution; stiffness sets of the
     request; shape and radius of the cells, velocity and height, where the request does not say its
     own; and, to ``simulate``, everything that is simulated with. Raises DldsimError that names key,
     value, and what the campaign was made with.
@@ -131,7 +132,11 @@ def check_settings(
     if settings is None:
         return
     wanted: list[tuple[str, Any, Any, str]] = []
-    sections = {"cell": ("aspect_ratio",), "flow": ("viscosity_mPa_s", "drive")}
+    sections = {
+        "cell": ("aspect_ratio",),
+        "flow": ("viscosity_mPa_s", "drive"),
+        "numerics": ("contact_range_um", "area_forces"),
+    }
     if simulate:
         sections["cell"] = ("aspect_ratio", "axis")
         sections |= {

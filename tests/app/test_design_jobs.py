@@ -240,7 +240,15 @@ def test_what_the_request_names_goes_over_the_configuration(capsys, tmp_path):
     assert code == 0 and summary["request"]["velocity_mm_s"] == 0.5
 
 
-def test_numerics_matter_only_to_a_simulation(campaign):
+@pytest.mark.parametrize(("key", "value"), [("contact_range_um", 0.1), ("area_forces", "gradient")])
+def test_numerics_that_say_what_a_cell_is_matter_to_every_answer(campaign, key, value):
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
+    config = resolve(yaml.safe_load(CONFIG), {"numerics": {key: value}})
+    with pytest.raises(DldsimError, match=rf"numerics\.{key} = {value} .* campaign with"):
+        finished_campaign.check_settings(config, known)
+
+
+def test_other_numerics_matter_only_to_a_simulation(campaign):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)
     config = resolve(yaml.safe_load(CONFIG), {"numerics": {"spacing_um": 0.8}})
     request = DesignRequest(
