@@ -221,7 +221,7 @@ def add_isotropic_tension(membrane, kal, tension, scratch):
     ax, ay, az, bx, by, bz, cx, cy, cz = scratch.sides
     fx, fy, fz = scratch.corners
     rest, areas = membrane.rest_areas, scratch.areas
-    for f in range(len(areas)):
+    for f in range(len(scratch.face_edge[0])):
         sax, say, saz, sbx, sby, sbz = ax[f], ay[f], az[f], bx[f], by[f], bz[f]
         scx, scy, scz, area = cx[f], cy[f], cz[f], areas[f]
         factor = -(kal * (area - rest[f]) + tension * area) / (8 * area * area)
