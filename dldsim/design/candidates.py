@@ -98,7 +98,7 @@ def make_candidates(task: Task, feasible: pd.DataFrame) -> pd.DataFrame:
         mode_change_probability=shift.any(axis=0).mean(axis=1),
         length_mm=np.where(np.isfinite(length), length, np.nan),
         pressure_drop_kPa=np.where(np.isfinite(pressure), pressure, np.nan),
-        pressure_basis=chip.pressure_basis,
+        pressure_basis=chip.pressure_basis(*place),
         throughput_uL_per_h=chip.throughput_uL_per_h,
         verdict=[verdict_of(row) for _, row in designs.iterrows()],
         notes=[

@@ -12,6 +12,8 @@ from dldsim.vocabulary import GEOMETRY
 
 SMALLEST_DIRECTION = 1e-4
 """Of the fit of the resistance, over the largest singular value."""
+EDGE = 0.02
+"""Part by which a quantity may lie beyond the flows that the resistance was fitted to."""
 
 
 class Resistance:
@@ -43,6 +45,28 @@ class Resistance:
         self.basis = f"interpolated from {len(y)} flows without a cell (error {error})"
         if rank < x.shape[1]:
             self.basis += ", whose P_r, P_g and N_p do not all vary on their own: larger elsewhere"
+        known = self._ranged(*(table[name].to_numpy(float) for name in GEOMETRY))
+        self.low, self.high = known.min(axis=1), known.max(axis=1)
+        ranges = [f"{low:.3g} to {high:.3g}" for low, high in zip(self.low, self.high, strict=True)]
+        self.beyond = (
+            f"extrapolated from {len(y)} flows without a cell of P_g/λ {ranges[0]}, λ {ranges[1]} "
+            f"µm, N_p {ranges[2]} (error not known)"
+        )
+
+    @staticmethod
+    def _ranged(radius, gap, periodicity) -> np.ndarray:
+        """What has to lie within the flows, P_g/λ, λ and N_p: (3, n)."""
+        radius, gap, periodicity = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(v, float)) for v in (radius, gap, periodicity))
+        )
+        pitch = 2 * radius + gap
+        return np.stack([gap / pitch, pitch, periodicity])
+
+    def inside(self, radius, gap, periodicity) -> np.ndarray:
+        """Whether arrays lie among those that it was fitted to, (n,)."""
+        x = self._ranged(radius, gap, periodicity)
+        low, high = (1 - EDGE) * self.low, (1 + EDGE) * self.high
+        return ((x >= low[:, None]) & (x <= high[:, None])).all(axis=0)
 
     @staticmethod
     def _terms(radius, gap, periodicity) -> np.ndarray:
@@ -88,12 +112,13 @@ class Chip(NamedTuple):
         speed = self.flow.viscosity_mPa_s * self.flow.mean_velocity_mm_s
         return np.asarray(drag_over_mu_U) * speed * length_mm / np.square(pitch_um)
 
-    @property
-    def pressure_basis(self) -> str:
-        """Where the pressure drop comes from, in words."""
+    def pressure_basis(self, radius, gap, periodicity) -> list[str]:
+        """Where the pressure drop of each array comes from, in words."""
         if self.resistance is None:
-            return f"not known: {self.no_resistance}"
-        return self.resistance.basis
+            count = np.broadcast(radius, gap, periodicity).size
+            return [f"not known: {self.no_resistance}"] * count
+        inside = self.resistance.inside(radius, gap, periodicity).tolist()
+        return [self.resistance.basis if i else self.resistance.beyond for i in inside]
 
     @property
     def sample_uL_per_h(self) -> float:

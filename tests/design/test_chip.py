@@ -44,6 +44,14 @@ def test_resistance_of_arrays_on_one_line_stays_sane_off_it():
     assert "larger elsewhere" not in Resistance(make_flows()).basis
 
 
+def test_a_resistance_beyond_its_flows_is_called_extrapolated():
+    chip = CHIP._replace(resistance=Resistance(make_flows()))
+    places = [(7, 16, 8), (5, 12, 4), (11, 100, 6), (12, 22, 4), (7, 16, 13)]
+    basis = chip.pressure_basis(*np.array(places, float).T)
+    assert [text.split()[0] for text in basis] == 2 * ["interpolated"] + 3 * ["extrapolated"]
+    assert "N_p 4 to 12" in basis[2] and "error not known" in basis[2]
+
+
 def test_pressure_drop_by_hand():
     """Δp = drag μ U L/λ²: 75 · 1.5e-3 Pa s · 0.5e-3 m/s · 4e-3 m / (25e-6 m)² = 360 Pa."""
     resistance = Resistance(make_flows())

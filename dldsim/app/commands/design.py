@@ -127,6 +127,7 @@ def _design_lines(summary: Mapping) -> list[str]:
         }
     )
     notes = dict.fromkeys(note for d in designs for note in d["notes"])
+    pressure = dict.fromkeys(d["pressure_basis"] for d in designs)
     lines += [
         "",
         *notes,
@@ -135,7 +136,7 @@ def _design_lines(summary: Mapping) -> list[str]:
         f"length: of array that parts the two by {request['lateral_separation_um']:g} µm "
         "(lateral_separation_um); the mask's array is as long as device.array_length_mm, "
         f"{summary['device']['array_length_mm']:g} mm, in whole rows",
-        f"pressure drop over that length: {designs[0]['pressure_basis']}; throughput "
+        f"pressure drop over that length: {'; '.join(pressure)}; throughput "
         f"{designs[0]['throughput_uL_per_h']:.3g} µL/h",
         "",
         *outcome_lines(summary["outcomes"], summary["outcome_notes"]),

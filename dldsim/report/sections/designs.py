@@ -301,7 +301,7 @@ def _of_request(page: Page, name: str, table: pd.DataFrame, requests: Mapping) -
         "checks": checks,
         "stopped": table["stopped"].iloc[0],
         "throughput": table["throughput_uL_per_h"].iloc[0],
-        "pressure_basis": table["pressure_basis"].iloc[0],
+        "pressure_basis": "; ".join(dict.fromkeys(table["pressure_basis"])),
         "files": [
             (n, [page.link(f) for f in sorted(folder.glob(f"{n}.*"))])
             for n in table["name"]
@@ -350,7 +350,7 @@ def _predicted(page: Page, name: str, table: pd.DataFrame, requests: Mapping) ->
         "name": name,
         "grid": grid,
         "objective": table["objective"].iloc[0],
-        "pressure_basis": table["pressure_basis"].iloc[0],
+        "pressure_basis": "; ".join(dict.fromkeys(table["pressure_basis"])),
     }
 
 

@@ -125,7 +125,7 @@ def show(info: answers.ModelInfo, status: answers.DesignStatus) -> None:
         "± 90 %: half-width of the prediction interval. Robust: exceeded by nine of ten "
         "draws of cells, tolerance and prediction error; negative: the order of the cell "
         "types is open. Equal ranks differ by less than σ_num. Empty: not known. "
-        f"Pressure: {plain(best['pressure_basis'])}."
+        f"Pressure: {plain('; '.join(dict.fromkeys(d['pressure_basis'] for d in designs)))}."
     )
     chosen = 1
     if len(designs) > 1:
