@@ -99,7 +99,9 @@ def test_the_answers_in_the_readme_are_those_of_its_commands(answers):
         if row["cell_shape"] == "sphere" and row["periodicity"] == 6
     ]
     stiffest, softest = (
-        "{:.2f} ({:.2f} to {:.2f})".format(*(row[n] / 2 for n in ("gap", "gap_low", "gap_high")))
+        "{:.2f} ({:.2f} to {:.2f})".format(
+            *(row[f"gap_over_2R{end}"] for end in ("", "_low", "_high"))
+        )
         for row in (rows[0], rows[-1])
     )
     assert f"falls from {stiffest} for the stiffest to {softest} for the softest" in told

@@ -19,11 +19,11 @@ CAPILLARY_STEPS = 24
 
 
 def transition_map(surrogate: Surrogate, level: float = LEVEL) -> pd.DataFrame:
-    """Critical gaps over shape, N_p and Ca beside pillars of the cell's radius, in that radius.
+    """Critical gaps over shape, N_p and Ca beside pillars of the cell's radius R.
 
-    Columns: cell_shape, periodicity, capillary_number, gap (null: no transition in what was
-    learnt), gap_low and gap_high, size_over_critical_diameter (2R/D_c at the critical gap, with the
-    law of stiff spheres). Between gap_low and gap_high the interval of that level holds half of the
+    Columns: cell_shape, periodicity, capillary_number, gap_over_2R (null: no transition in what was
+    learnt) with its _low and _high, size_over_critical_diameter (2R/D_c at the critical gap, with
+    the law of stiff spheres). Between low and high the interval of that level holds half of the
     bump displacement; where it does so up to the narrowest or widest gap learnt, they end there.
     Raises DldsimError if nothing was learnt at this height beside such pillars.
     """
@@ -50,9 +50,9 @@ def transition_map(surrogate: Surrogate, level: float = LEVEL) -> pd.DataFrame:
                         "cell_shape": shape,
                         "periodicity": periodicity,
                         "capillary_number": capillary,
-                        "gap": critical,
-                        "gap_low": open_.min() if known else float("nan"),
-                        "gap_high": open_.max() if known else float("nan"),
+                        "gap_over_2R": critical / 2,
+                        "gap_over_2R_low": open_.min() / 2 if known else float("nan"),
+                        "gap_over_2R_high": open_.max() / 2 if known else float("nan"),
                         "size_over_critical_diameter": 2
                         / critical_diameter(critical, 1 / periodicity),
                     }

@@ -130,6 +130,13 @@ def check_channel(channel: Constriction, numerics: Numerics, limits: Limits | No
             remedy="Narrow the throat or widen the channel.",
         )
     spacing, _ = laws.even_throat(channel.throat_width_um, channel.spacing_um)
+    _check_nodes(
+        "constriction.throat_width_um",
+        channel.throat_width_um,
+        spacing,
+        "constriction.spacing_um",
+        "widen the throat",
+    )
     height = round(channel.height_um / spacing)
     if height < LEAST_NODES:
         _check_nodes(

@@ -23,10 +23,9 @@ def draw_transition(table: pd.DataFrame, level: float) -> Figure:
         for shape in shapes:
             here = table[(table["periodicity"] == periodicity) & (table["cell_shape"] == shape)]
             ca, colour = here["capillary_number"], SHAPE_COLOUR[shape]
-            panel.fill_between(
-                ca, here["gap_low"] / 2, here["gap_high"] / 2, color=colour, alpha=0.15, linewidth=0
-            )
-            panel.plot(ca, here["gap"] / 2, color=colour)
+            low, high = here["gap_over_2R_low"], here["gap_over_2R_high"]
+            panel.fill_between(ca, low, high, color=colour, alpha=0.15, linewidth=0)
+            panel.plot(ca, here["gap_over_2R"], color=colour)
         panel.set(xscale="log", xlabel=r"Ca = $\mu U/k_s$", title=f"$N_p$ = {periodicity}")
         panel.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
         panel.xaxis.set_major_formatter("{x:g}")

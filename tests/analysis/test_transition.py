@@ -20,21 +20,21 @@ def table():
 
 
 def test_critical_gaps_are_those_of_the_law(table):
-    known = table.dropna(subset="gap")
+    known = table.dropna(subset="gap_over_2R")
     size = [
         2 * size_of(shape, ca, HEIGHT)
         for shape, ca in zip(known["cell_shape"], known["capillary_number"], strict=True)
     ]
     law = np.array(size) / critical_diameter(1, 1 / known["periodicity"].to_numpy())
     assert set(known["cell_shape"]) == {"biconcave", "sphere"}
-    assert np.median(np.abs(known["gap"] / law - 1)) < 0.03
-    assert (np.abs(known["gap"] / law - 1) < 0.12).mean() > 0.9
+    assert np.median(np.abs(2 * known["gap_over_2R"] / law - 1)) < 0.03
+    assert (np.abs(2 * known["gap_over_2R"] / law - 1) < 0.12).mean() > 0.9
 
 
 def test_the_interval_is_about_the_gap(table):
-    known = table.dropna(subset="gap")
-    assert ((known["gap_low"] <= known["gap"]) & (known["gap"] <= known["gap_high"])).all()
-    assert (known["gap_low"] < known["gap_high"]).all()
+    known = table.dropna(subset="gap_over_2R")
+    low, gap, high = (known[f"gap_over_2R{end}"] for end in ("_low", "", "_high"))
+    assert ((low <= gap) & (gap <= high) & (low < high)).all()
 
 
 def test_the_figure_has_a_panel_for_each_periodicity_and_a_line_for_each_shape(table):
@@ -42,7 +42,7 @@ def test_the_figure_has_a_panel_for_each_periodicity_and_a_line_for_each_shape(t
     assert len(panels) == table["periodicity"].nunique()
     drawn = panels[0].lines[0].get_xydata()
     first = table[(table["periodicity"] == 6) & (table["cell_shape"] == "biconcave")]
-    np.testing.assert_allclose(drawn[:, 1], first["gap"] / 2)
+    np.testing.assert_allclose(drawn[:, 1], first["gap_over_2R"])
 
 
 def test_a_height_that_was_not_learnt_is_refused():

@@ -385,9 +385,11 @@ def test_closed_pipe_is_no_error():
 def test_transition_answers_and_draws(capsys, tmp_path):
     code, found, _ = call(capsys, "transition", "--figure", tmp_path / "map.png")
     assert code == 0 and Image.open(tmp_path / "map.png").format == "PNG"
-    known = [row for row in found["rows"] if row["gap"] is not None]
+    known = [row for row in found["rows"] if row["gap_over_2R"] is not None]
     assert {row["periodicity"] for row in known} >= {6, 8}
-    assert all(row["gap_low"] <= row["gap"] <= row["gap_high"] for row in known)
+    assert all(
+        row["gap_over_2R_low"] <= row["gap_over_2R"] <= row["gap_over_2R_high"] for row in known
+    )
     (tmp_path / "folder").mkdir()
     code, _, told = call(capsys, "transition", "--figure", tmp_path / "folder")
     assert code == 2 and "--figure" in told

@@ -109,7 +109,7 @@ def _transition_columns(table) -> dict[str, list[str]]:
     groups = [g for _, g in table.groupby(["cell_shape", "periodicity"])]
 
     def told(row) -> str:
-        gaps = [row[name] / 2 for name in ("gap", "gap_low", "gap_high")]
+        gaps = [row[f"gap_over_2R{end}"] for end in ("", "_low", "_high")]
         place = "{:.2f} ({:.2f} to {:.2f})".format(*gaps)
         if math.isnan(gaps[0]):
             place = "not in what was learnt"
