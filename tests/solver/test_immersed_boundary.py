@@ -23,6 +23,7 @@ from dldsim.solver.immersed_boundary import (
 from dldsim.solver.lattice import make_lattice
 from dldsim.solver.streaming import BLOCK
 from tests.solver import naive
+from tests.solver.nodes import node_positions, nodes_of
 
 
 @pytest.fixture
@@ -60,18 +61,6 @@ def stencil_at(x, domain, kernel):
     stencil = make_stencil(len(x), kernel)
     locate(x, domain, stencil)
     return stencil
-
-
-def nodes_of(array, lattice):
-    """View (components, columns, nz) of a flat array of populations or vectors."""
-    field = array.reshape(-1, lattice.stride)[:, : lattice.nodes]
-    return field.reshape(-1, lattice.columns, lattice.nz)
-
-
-def node_positions(lattice):
-    ix, iy = np.nonzero(lattice.column >= 0)
-    x, z = np.broadcast_arrays(ix[:, None] + 0.5, np.arange(lattice.nz) + 0.5)
-    return np.stack([x, np.broadcast_to(iy[:, None] + 0.5, x.shape), z])
 
 
 @pytest.mark.parametrize("kernel", KERNELS)

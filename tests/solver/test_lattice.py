@@ -13,6 +13,7 @@ from dldsim.solver.flow import Fluid
 from dldsim.solver.lattice import make_lattice, neighbour
 from dldsim.solver.stream_collide import damp_staggered_momentum, stream_collide
 from tests.solver import naive
+from tests.solver.nodes import nodes_of
 
 
 def make_fluid(lattice, relaxation_time=0.8, collision="trt", inertia=False, dtype="float64"):
@@ -22,12 +23,6 @@ def make_fluid(lattice, relaxation_time=0.8, collision="trt", inertia=False, dty
 def step(fluid, number):
     """One step of that number; after odd ones populations are in their own rows."""
     stream_collide(number, *fluid.state)
-
-
-def nodes_of(array, lattice):
-    """View (components, columns, nz) of a flat array of populations or vectors."""
-    field = array.reshape(-1, lattice.stride)[:, : lattice.nodes]
-    return field.reshape(-1, lattice.columns, lattice.nz)
 
 
 def box(nx, ny, nz, walls=False, **options):

@@ -12,7 +12,7 @@ from dldsim.solver.lattice import make_lattice
 from dldsim.solver.scene import CONTACT_STIFFEST, CellInFlow
 from dldsim.solver.time_loop import DAMPING_INTERVAL
 from dldsim.solver.units import Units
-from tests.solver.test_immersed_boundary import node_positions, nodes_of
+from tests.solver.nodes import node_positions, nodes_of
 
 COUPLINGS = ["no-slip", "dissipative"]
 SET_1 = Stiffness(
