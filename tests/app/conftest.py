@@ -24,6 +24,12 @@ def filled(kind, frame):
     return frame[[c.name for c in COLUMNS[kind]]]
 
 
+@pytest.fixture
+def nowhere(monkeypatch, tmp_path):
+    """No config.yaml in the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory):
     """Folder with the tables that a campaign leaves for designs; tests add CSV files at most."""

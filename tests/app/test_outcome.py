@@ -16,15 +16,11 @@ from dldsim.design.measured_cells import read_measured
 from dldsim.tables.parquet import read_rows
 from tests.app.test_cli import call
 
+pytestmark = pytest.mark.usefixtures("nowhere")
+
 ARRAY = ["--pillar-radius-um", 7, "--gap-um", 16, "--periodicity", 6]
 CELLS = ["--set1", "1", "--set2", "3", "--r1", 5.5, "--r2", 8, "--r1-cv", 0.05]
 FEW = ["--draws", 16, "--cells", 64]
-
-
-@pytest.fixture(autouse=True)
-def nowhere(monkeypatch, tmp_path):
-    """No config.yaml in the working directory."""
-    monkeypatch.chdir(tmp_path)
 
 
 def outcome(capsys, campaign, *words):

@@ -13,7 +13,7 @@ from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import VERIFICATION
 from dldsim.app.web.api.worker import Worker
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("nowhere")]
 
 PLACE = {
     "pillar_radius_um": 7.0,
@@ -28,12 +28,6 @@ THEN = {"pillar_radius_um": 6.0, "gap_um": 15.0, "periodicity": 5}
 CASCADE = {"then": THEN, "from_outlet": 1}
 TABLE = "radius_um\n6.9\n7.1\n7.3\n"
 WITH_INDEX = "radius_um,deformation_index\n7.5,0.58\n7.5,0.60\n7.5,0.62\n"
-
-
-@pytest.fixture(autouse=True)
-def nowhere(monkeypatch, tmp_path):
-    """No config.yaml in the working directory."""
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="module")
