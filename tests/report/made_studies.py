@@ -1,4 +1,4 @@
-"""Tables of a made-up accuracy study and stability sweep."""
+"""Tables of made-up validation cases, an accuracy study and a stability sweep."""
 
 import pandas as pd
 
@@ -184,5 +184,41 @@ def stability_table() -> pd.DataFrame:
                     "reason": "too few",
                 },
             )
+        ]
+    )
+
+
+def validation_table() -> pd.DataFrame:
+    """Three cases of four quantities, two variants, parameters and resolutions each."""
+    return pd.DataFrame(
+        [
+            dict.fromkeys((c.name for c in COLUMNS["validation"]), "")
+            | {
+                "case": case,
+                "group": "fluid",
+                "quantity": quantity,
+                "variant": variant,
+                "unit": "1",
+                "parameter": parameter,
+                "parameter_of": "periodicity N_p",
+                "resolution": resolution,
+                "resolution_of": "nodes per pitch",
+                "reference": 2.0,
+                "value": 2.0 + 20 / resolution**2,
+                "relative_error": 10 / resolution**2,
+                "mark": 0.01,
+                "passed": resolution > 32,
+                "observed_order": 2.0 if resolution > 24 else None,
+                "wall_time_s": 0.5,
+            }
+            for case, quantity in (
+                ("square-arrays", "permeability"),
+                ("row-shifted-arrays", "tilt"),
+                ("erythrocyte-stretching", "axial diameter"),
+                ("erythrocyte-stretching", "transverse diameter"),
+            )
+            for variant in ("half-way", "interpolated")
+            for parameter in (4.0, 10.0)
+            for resolution in (24.0, 48.0)
         ]
     )

@@ -24,7 +24,8 @@ from dldsim.tables.registry import COLUMNS
 from dldsim.vocabulary import SETTLED
 from tests.report.design_tables import make_design_tables
 from tests.report.html_page import Page, rules_of
-from tests.report.made_results import NASTY, PROVENANCE, SETS, make_outcome, make_results, make_run
+from tests.report.made_results import PROVENANCE, make_results
+from tests.report.made_runs import NASTY, SETS, make_outcome, make_run
 
 pytestmark = pytest.mark.slow
 CONFIG = {

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from dldsim.report import angle_figures, calibration_figures, surrogate_figures, trajectory_figures
-from tests.report.made_results import SETS, make_outcome, make_run
+from tests.report.made_runs import SETS, make_outcome, make_run
 
 
 def test_critical_size_ratio():
