@@ -19,6 +19,13 @@ from tests.report.made_statistics import (
 from tests.report.made_studies import accuracy_tables, stability_table, validation_table
 
 PROVENANCE = {"config_hash": "0123abcd", "seed": 7}
+CONFIG = {
+    "preset": "tiny",
+    "seed": 7,
+    "cell": {"shape": "biconcave", "radius_um": 7.5},
+    "run_control": {"max_rows": 12},
+    "constriction": {"width_um": 30.0},
+}
 
 
 def make_results(folder: Path, radii=(6.0, 10.0), gaps=(16.0, 20.0), periodicities=(5, 10)) -> dict:

@@ -4,7 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from dldsim.report import angle_figures, calibration_figures, surrogate_figures, trajectory_figures
+from dldsim.report import (
+    angle_figures,
+    calibration_figures,
+    style,
+    surrogate_figures,
+    trajectory_figures,
+)
+from dldsim.vocabulary import SETTLED
 from tests.report.made_runs import SETS, make_outcome, make_run
 
 
@@ -164,3 +171,76 @@ def test_angles_of_an_aliased_sweep_are_drawn_against_periodicity():
     rows = [make_run(r, r + 10, n, s, rng)[0] for r in (4.0, 8.0) for n in (4, 8) for s in SETS]
     figure = angle_figures.draw_angles(pd.DataFrame([make_outcome([row]) for row in rows]))
     assert [axes.get_xlabel() for axes in figure.axes] == ["periodicity $N_p$"] * 2
+
+
+def test_conditions_that_the_source_does_not_vary_are_drawn(tables):
+    predictions = tables["predictions"]
+    predictions = predictions.assign(
+        cell_shape=np.where(predictions.index % 2, "sphere", "biconcave")
+    )
+    figure = surrogate_figures.draw_conditions(predictions, "XGBoost")
+    left, right = figure.axes
+    assert (left.get_xscale(), right.get_xscale()) == ("log", "linear")
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["biconcave", "sphere"]
+
+
+def test_picked_trajectories_show_each_mode_and_prefer_settled_runs(tables):
+    runs = tables["runs"]
+    picked = dict(trajectory_figures.pick_trajectories(runs))
+    for mode in ("bump", "zigzag"):
+        [run_id] = picked[f"{mode} mode"]
+        run = runs.set_index("run_id").loc[run_id]
+        assert run["mode"] == mode and run["status"] in SETTLED
+
+
+def test_trajectory_panel_shows_a_period_in_true_proportion(tables):
+    runs, tracks = tables["runs"], tables["trajectory"]
+    run = runs[runs["mode"] == "bump"].iloc[0]
+    panel = trajectory_figures.trajectory_panel("bump", [run["run_id"]], runs, tracks)
+    assert np.ptp(panel.paths[0]["x"]) >= run["periodicity"] * run["pitch_um"]
+    axes = trajectory_figures.draw_trajectories([panel]).axes[0]
+    box = axes.get_window_extent()
+    scale = box.width / np.ptp(panel.xlim) / (box.height / np.ptp(panel.ylim))
+    assert scale == pytest.approx(1, rel=1e-3)
+
+
+def test_mode_points_place_outcomes_against_the_critical_diameter(tables):
+    points = angle_figures.mode_points(tables["outcomes"], 1.0)
+    assert len(points) == len(style.measured(tables["outcomes"]))
+    run = points.iloc[0]
+    law = 1.4 * run["gap_um"] * run["periodicity"] ** -0.48
+    assert run["size_over_critical"] == pytest.approx(run["size_um"] / law)
+
+
+def test_equal_figures_give_equal_files(tables):
+    scores = surrogate_figures.pooled_scores(tables["predictions"])
+    first, second = (
+        style.render(surrogate_figures.draw_benchmark(scores, tables["benchmark"]), "svg")
+        for _ in range(2)
+    )
+    assert first == second
+
+
+def test_both_files_of_a_figure_are_laid_out_alike(tables):
+    scores = surrogate_figures.pooled_scores(tables["predictions"])
+    figure = surrogate_figures.draw_benchmark(scores, tables["benchmark"])
+    places = []
+    for kind in ("svg", "png"):
+        style.render(figure, kind)
+        places.append([axes.get_position().bounds for axes in figure.axes])
+    assert places[0] == places[1]
+
+
+def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(tables):
+    runs, trajectories = tables["runs"], tables["trajectory"]
+    measured = runs[runs["migration_angle_deg"].notna()]
+    array = next(
+        a for _, a in measured.groupby(["pillar_radius_um", "gap_um", "periodicity"]) if len(a) > 1
+    )
+    long, short = array["run_id"].iloc[:2]
+    whole = trajectories[trajectories["run_id"] == short]
+    cut = whole["x_um"].min() + 0.2 * np.ptp(whole["x_um"])
+    kept = (trajectories["run_id"] != short) | (trajectories["x_um"] <= cut)
+    panel = trajectory_figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
+    assert all(len(path["x"]) > 1 for path in panel.paths)
+    assert all(path["x"].max() <= cut for path in panel.paths)
