@@ -5,8 +5,8 @@ import pytest
 from dldsim.app.web.api import answers, specs
 from dldsim.app.web.ui import candidate_charts, chart_style, domain_charts, search_charts
 from dldsim.app.web.ui.parts import allowed
-from tests.app.web import web_page_fake
-from tests.app.web.web_page_fake import HIGH, LOW
+from tests.app.web.ui import made_answers
+from tests.app.web.ui.made_answers import HIGH, LOW
 
 
 def test_toolbar_of_charts_stays_in_the_margin():
@@ -38,7 +38,7 @@ def test_array_is_drawn_to_scale_with_rows_shifted():
 
 def test_surface_turns_its_axes():
     spec = specs.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH)
-    found = web_page_fake.result(spec)
+    found = made_answers.result(spec)
     slices = [s.model_dump() for s in found.slices]
     designs = [d.model_dump() for d in found.designs]
     one = search_charts.surface(slices, "periodicity", "gap_um", designs).data[0]
@@ -48,7 +48,7 @@ def test_surface_turns_its_axes():
 
 def test_parallel_lines_cover_every_feasible_trial():
     spec = specs.DesignSpec(deformation_index_1=LOW, deformation_index_2=HIGH)
-    trials = [t.model_dump() for t in web_page_fake.result(spec).trials]
+    trials = [t.model_dump() for t in made_answers.result(spec).trials]
     figure = search_charts.parallel(trials, "robust")
     lines = sum(x is None for t in figure.data for x in t.x)
     assert lines == sum(t["feasible"] for t in trials)
@@ -79,7 +79,7 @@ def test_allowed_range_in_words(low, high, open_, words):
 def test_fan_has_both_populations_the_walls_and_the_cut():
     from dldsim.app.web.ui import outlet_charts
 
-    found = answers.AtOutlets(**web_page_fake.at_outlets(["array"]))
+    found = answers.AtOutlets(**made_answers.at_outlets(["array"]))
     rows = (found.device_positions, found.device_exits, found.device_outlets)
     figure = outlet_charts.fan(*([r.model_dump() for r in part] for part in rows), 500.0)
     lines = [t for t in figure.data if t.type == "scatter" and t.name]
@@ -94,7 +94,7 @@ def test_fan_has_both_populations_the_walls_and_the_cut():
 def test_predicted_and_simulated_exits_have_a_panel_each():
     from dldsim.app.web.ui import outlet_charts
 
-    exits = [r.model_dump() for r in web_page_fake.at_outlets(["array"])["device_exits"]]
+    exits = [r.model_dump() for r in made_answers.at_outlets(["array"])["device_exits"]]
     cells = [{"population": 1, "exit_um": 480.0}, {"population": 2, "exit_um": None}]
     figure = outlet_charts.checked(exits, cells, 500.0)
     sums = [sum(trace.y) for trace in figure.data]
