@@ -11,224 +11,30 @@ was seen.
 
 import hashlib
 import json
-import os
-import shutil
-import signal
-import socket
-import subprocess
 import sys
 import time
 import urllib.request
-from pathlib import Path
 
 import pytest
 
+from tests.app.web.browser.steps import (
+    ERROR,
+    HEIGHT,
+    SHOTS,
+    WAIT_S,
+    WIDTHS,
+    asked,
+    download,
+    fill,
+    heading,
+    look,
+    opened,
+    press,
+    settled,
+    shoot,
+)
+
 pytestmark = pytest.mark.browser
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-WAIT_S = float(os.environ.get("DLDSIM_WEB_TEST_LIMIT_S", 300))
-SHOTS = os.environ.get("DLDSIM_WEB_TEST_SHOTS")
-WIDTH, HEIGHT = 1400, 1000
-WIDTHS = (400, 1000, 1600)
-"""Of a telephone, a small and a large window."""
-ERROR = '[data-testid="stAlert"]'
-
-
-def free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
-
-
-class Part:
-    """One part of the service as a process."""
-
-    def __init__(self, part: str, log: Path, port: int, *options: str, **environment: str):
-        name = {"api": "--port", "ui": "--page-port"}[part]
-        self.argv = [sys.executable, "-m", "dldsim", "serve", part, name, str(port), *options]
-        self.base, self.log = f"http://127.0.0.1:{port}", log
-        self.environment = {**os.environ, **environment}
-        self.start()
-
-    def start(self) -> None:
-        self.process = subprocess.Popen(
-            self.argv,
-            stdout=self.log.open("a"),
-            stderr=subprocess.STDOUT,
-            env=self.environment,
-            start_new_session=True,
-        )
-
-    def wait(self, path: str) -> None:
-        end = time.monotonic() + WAIT_S
-        while time.monotonic() < end:
-            assert self.process.poll() is None, self.log.read_text()
-            try:
-                with urllib.request.urlopen(self.base + path, timeout=30):
-                    return
-            except OSError:
-                time.sleep(0.5)
-        raise AssertionError(f"{self.argv} does not answer")
-
-    def stop(self) -> None:
-        if self.process.poll() is None:
-            os.killpg(self.process.pid, signal.SIGTERM)
-            self.process.wait(60)
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory):
-    """API and page."""
-    folder = tmp_path_factory.mktemp("service")
-    port = free_port()
-    results = os.environ.get("DLDSIM_WEB_TEST_RESULTS")
-    options = ["--results", results] if results else []
-    api = Part(
-        "api",
-        folder / "api.log",
-        port,
-        "--state",
-        str(folder / "state"),
-        *options,
-        DLDSIM_WEB_QUEUE_MAX="2",
-    )
-    page = Part("ui", folder / "page.log", free_port(), "--api", api.base)
-    try:
-        api.wait("/api/v1/health")
-        page.wait("/_stcore/health")
-        yield api, page
-    finally:
-        page.stop()
-        api.stop()
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    playwright = pytest.importorskip("playwright.sync_api")
-    if not CHROMIUM:
-        pytest.skip("chromium is not installed")
-    with playwright.sync_playwright() as driver:
-        found = driver.chromium.launch_persistent_context(
-            tmp_path_factory.mktemp("profile"),
-            executable_path=CHROMIUM,
-            headless=True,
-            args=FLAGS,
-            viewport={"width": WIDTH, "height": HEIGHT},
-            accept_downloads=True,
-        )
-        found.set_default_timeout(WAIT_S * 1e3)
-        yield found
-        found.close()
-
-
-@pytest.fixture
-def tab(browser, service, request):
-    """A fresh session of the page, which must ask nobody but this machine."""
-    found = browser.new_page()
-    outside = []
-    found.on(
-        "request",
-        lambda r: (
-            outside.append(r.url) if r.url.startswith("http") and "127.0.0.1" not in r.url else None
-        ),
-    )
-    yield found
-    if SHOTS is not None:
-        found.screenshot(path=Path(SHOTS) / f"last-{request.node.name}.png")
-    found.close()
-    assert not outside
-
-
-def opened(tab, service, query: str = ""):
-    tab.goto(service[1].base + query)
-    tab.get_by_text("Cell radius R").first.wait_for(state="attached")
-    settled(tab)
-    return tab
-
-
-def settled(tab) -> None:
-    """Wait until the page has been drawn to its end."""
-    tab.wait_for_timeout(500)
-    tab.locator('[data-testid="stApp"][data-test-script-state="notRunning"]').wait_for()
-    tab.wait_for_timeout(500)
-
-
-def heading(tab, name: str) -> None:
-    """Wait for a heading; what is refused in its place is told at once."""
-    found = tab.get_by_role("heading", name=name)
-    found.or_(tab.locator(ERROR).filter(has_text="request")).first.wait_for()
-    assert found.count(), tab.locator(ERROR).all_inner_texts()
-
-
-def press(tab, name: str) -> None:
-    tab.get_by_role("button", name=name, exact=False).first.click()
-
-
-def fill(tab, label: str, value: str, place: int = 0) -> None:
-    field = tab.get_by_label(label, exact=False).and_(tab.locator("input[type=number]")).nth(place)
-    field.fill(value)
-    field.press("Enter")
-    settled(tab)
-
-
-def shoot(tab, name: str, tallest: int = 8000) -> None:
-    """A picture of the whole page."""
-    if SHOTS is None:
-        return
-    width = tab.viewport_size["width"]
-    height = tab.evaluate("document.querySelector('[data-testid=stMain]').scrollHeight")
-    tab.set_viewport_size({"width": width, "height": min(height + 20, tallest)})
-    tab.wait_for_timeout(2500)
-    tab.screenshot(path=Path(SHOTS) / f"web-{name}.png")
-    tab.set_viewport_size({"width": width, "height": HEIGHT})
-
-
-def download(tab, label: str) -> tuple[str, bytes]:
-    """Name and content of what a button downloads; tables have a download of their own."""
-    with tab.expect_download() as waiting:
-        buttons = tab.locator('[data-testid="stDownloadButton"] button').filter(has_text=label)
-        buttons.locator("visible=true").first.click()
-    return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
-
-
-def beside(tab) -> list[str]:
-    """What stands beyond the right edge of the window, where nobody sees it."""
-    return tab.evaluate(
-        """() => [...document.querySelectorAll('[data-testid=stMain] *')].filter(e => {
-            const box = e.getBoundingClientRect();
-            return box.width > 0 && box.right > window.innerWidth + 2
-                && !e.closest('[data-testid=stDataFrame],[data-testid=stCode],table')
-                && getComputedStyle(e).visibility == 'visible';
-        }).map(e => e.tagName + ' ' + (e.dataset.testid || e.className) + ': '
-            + e.textContent.slice(0, 40))"""
-    )
-
-
-def asked(service, identifier: str, method: str = "GET", path: str = "/designs/") -> dict:
-    request = urllib.request.Request(service[0].base + "/api/v1" + path + identifier, method=method)
-    with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
-        return json.load(answer)
-
-
-def look(tab, name: str) -> None:
-    """At the page in all WIDTHS: nothing lies beyond the right edge."""
-    before = tab.viewport_size
-    for width in WIDTHS:
-        tab.set_viewport_size({"width": width, "height": HEIGHT})
-        settled(tab)
-        shoot(tab, f"{name}-{width}")
-        assert beside(tab) == [], width
-    tab.set_viewport_size(before)
-    settled(tab)
 
 
 def test_request_course_dashboard_and_downloads(tab, service):
