@@ -118,6 +118,7 @@ WITHOUT_KERNELS = (
             "mask",
             "measured_cells",
             "motion",
+            "neighbourhood",
             "outlet_task",
             "outlets",
             "populations",

@@ -19,10 +19,11 @@ from dldsim.errors import DldsimError
 
 if TYPE_CHECKING:
     import optuna
-from dldsim.design.candidates import make_candidates, slices, tolerances
+from dldsim.design.candidates import make_candidates
 from dldsim.design.cell_source import CellSource
 from dldsim.design.chip import Chip
 from dldsim.design.motion import UNKNOWN, History
+from dldsim.design.neighbourhood import slices, tolerances
 from dldsim.design.populations import Population, rows_of
 from dldsim.design.task import DECIMALS, NONE_BETTER, Task, check
 from dldsim.vocabulary import GEOMETRY
