@@ -117,6 +117,7 @@ WITHOUT_KERNELS = (
             "layout",
             "mask",
             "measured_cells",
+            "measured_devices",
             "motion",
             "neighbourhood",
             "outlet_task",

@@ -11,7 +11,7 @@ from dldsim.app.web.api.data import check_sets, read_upload
 from dldsim.app.web.api.problems import PREFIX, Refused, ascii_safe, infeasible, problems
 from dldsim.app.web.api.service import Id, Service, iso_time
 from dldsim.app.web.api.store import SEARCH, Job
-from dldsim.design import finished_campaign
+from dldsim.design.measured_devices import MEASURED, with_measurements
 from dldsim.errors import DldsimError
 
 
@@ -115,10 +115,10 @@ def make_router(service: Service) -> APIRouter:
         flow = spec.model_dump(include={"height_um", "mean_velocity_mm_s"})
         given = [flow | row for row in spec.model_dump()["measurements"]]
         simulated = source.known.tables["outcomes"]
-        simulated = simulated[simulated["status"] != finished_campaign.MEASURED]
+        simulated = simulated[simulated["status"] != MEASURED]
         calibration = source.known.calibration
         try:
-            finished_campaign.with_measurements(simulated, given, calibration)
+            with_measurements(simulated, given, calibration)
         except DldsimError as error:
             raise infeasible(spec, error) from error
         parts = service.data.snapshot(spec.campaign)

@@ -26,7 +26,7 @@ from dldsim.app.web.api.settings import Settings
 from dldsim.app.web.api.store import Store
 from dldsim.config.provenance import derive_seed
 from dldsim.design import finished_campaign
-from dldsim.design.finished_campaign import MEASURED
+from dldsim.design.measured_devices import MEASURED, with_measurements
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import describe, read_table, write_table
 from dldsim.tables.registry import COLUMNS, schema
@@ -167,7 +167,7 @@ class Data:
                         settings = describe(path)["provenance"].get("settings") or {}
                         control = settings.get("run_control")
         if "measurements" in parts:
-            tables["outcomes"] = finished_campaign.with_measurements(
+            tables["outcomes"] = with_measurements(
                 tables["outcomes"],
                 json.loads(parts["measurements"]),
                 finished_campaign.calibration_of(tables),
