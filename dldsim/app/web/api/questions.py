@@ -7,7 +7,7 @@ from fastapi import APIRouter, Response
 
 from dldsim import PHYSICS_VERSION, __version__
 from dldsim.analysis.calibration import default_curves, stiffness_for
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, field_limits, specs
 from dldsim.app.web.api.data import Source, columns_of, table_rows
 from dldsim.app.web.api.problems import PREFIX, infeasible, problems
 from dldsim.app.web.api.service import CampaignQuery, Service, calibration_of
@@ -161,7 +161,7 @@ def make_router(service: Service) -> APIRouter:
             cell=known.settings["cell"],
             device=known.settings["device"],
             safety_distance_um=known.chip.safety_distance_um,
-            fields=answers.limits_of(specs.DesignSpec),
+            fields=field_limits.limits_of(specs.DesignSpec),
             limits=limits,
             provenance=source.provenance,
         )

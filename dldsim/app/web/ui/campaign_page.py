@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, field_limits, specs
 from dldsim.app.web.ui import campaign_charts, candidate_charts, client, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, chart, frame, number, plain
@@ -105,7 +105,7 @@ def _calibration(info: answers.ModelInfo) -> None:
     if rows is None:
         return
     assays = list(dict.fromkeys(r["assay"] for r in rows if r["assay"] in info.calibrated_range))
-    limits = {f.name: f for f in answers.limits_of(specs.StiffnessSpec)}
+    limits = {f.name: f for f in field_limits.limits_of(specs.StiffnessSpec)}
     left, right = st.columns([2, 3])
     with left:
         st.markdown("**Measured deformation index → stiffness**")
@@ -199,7 +199,7 @@ def _campaign() -> dict[str, str]:
 
 
 def _predict(info: answers.ModelInfo) -> None:
-    limits = {f.name: f for f in answers.limits_of(specs.PredictSpec)}
+    limits = {f.name: f for f in field_limits.limits_of(specs.PredictSpec)}
     low, high = info.deformation_index_range
     arrays = info.domain["arrays"]
     middle = sorted(arrays)[len(arrays) // 2]

@@ -6,7 +6,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import answers
+from dldsim.app.web.api import answers, field_limits
 from dldsim.app.web.ui.in_domain import SHAPES, index_range
 from dldsim.app.web.ui.parts import allowed, at_field, number, plain
 
@@ -34,7 +34,7 @@ KEPT = (
 )
 SHARED = ("assay", "velocity_mm_s", "height_um", "concentration_ratio", "radius_distribution")
 
-Fields = Mapping[str, answers.FieldLimit]
+Fields = Mapping[str, field_limits.FieldLimit]
 
 
 def fill(given: Mapping[str, Any]) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import answers, outcome_specs
+from dldsim.app.web.api import answers, field_limits, outcome_specs
 from dldsim.app.web.ui import client, outlet_charts, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.outlets_chapter import downloads, interval
@@ -31,7 +31,7 @@ COLUMNS = {
 def ask(spec: Mapping[str, Any]) -> None:
     """Fields and button that ask for the check of an outcome, whose request is ``spec``."""
     st.subheader("Simulated check")
-    fields = {f.name: f for f in answers.limits_of(outcome_specs.CheckSpec)}
+    fields = {f.name: f for f in field_limits.limits_of(outcome_specs.CheckSpec)}
     left, right = st.columns([1, 2], vertical_alignment="bottom")
     with left:
         count = number(

@@ -5,7 +5,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, field_limits, specs
 from dldsim.app.web.ui import cells_form, client, in_domain, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number, plain
@@ -83,7 +83,9 @@ def _send(spec: Mapping[str, Any]) -> None:
     st.rerun()
 
 
-def _bounds(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) -> dict[str, Any]:
+def _bounds(
+    info: answers.ModelInfo, fields: Mapping[str, field_limits.FieldLimit]
+) -> dict[str, Any]:
     """Bounds of the geometry."""
     found: dict[str, Any] = {}
     learnt = {n: [a[k] for a in info.domain["arrays"]] for k, n in enumerate(BOUNDS)}
@@ -112,7 +114,9 @@ def _bounds(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) -
     return found
 
 
-def _options(info: answers.ModelInfo, fields: Mapping[str, answers.FieldLimit]) -> dict[str, Any]:
+def _options(
+    info: answers.ModelInfo, fields: Mapping[str, field_limits.FieldLimit]
+) -> dict[str, Any]:
     """Constraints, objective, search."""
     state = st.session_state
     found: dict[str, Any] = {}

@@ -5,7 +5,7 @@ from typing import Any
 import pandas as pd
 import streamlit as st
 
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, field_limits, specs
 from dldsim.app.web.ui import client, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number, plain
@@ -48,7 +48,7 @@ def _measurements(info: answers.ModelInfo) -> None:
         "fitted anew to the campaign chosen at the side and these; each angle counts as one "
         "run. The campaign itself stays as it is."
     )
-    limits = {f.name: f for f in answers.limits_of(specs.Measurement)}
+    limits = {f.name: f for f in field_limits.limits_of(specs.Measurement)}
     empty = pd.DataFrame(
         {name: pd.Series(dtype=str if name == "note" else float) for name in COLUMNS}
     )
@@ -66,7 +66,7 @@ def _measurements(info: answers.ModelInfo) -> None:
         "The error ± is kept with the data; the fit does not use it."
     )
     at_field("measure", "measurements")
-    whole = {f.name: f for f in answers.limits_of(specs.MeasurementsSpec)}
+    whole = {f.name: f for f in field_limits.limits_of(specs.MeasurementsSpec)}
     first, second, third = st.columns(3)
     with first:
         height = number(
@@ -117,7 +117,7 @@ def _measurements(info: answers.ModelInfo) -> None:
     st.rerun()
 
 
-def _column(name: str, title: str, limit: answers.FieldLimit):
+def _column(name: str, title: str, limit: field_limits.FieldLimit):
     about = plain(f"{limit.description}. Allowed: {parts.allowed(limit)}.")
     if name == "note":
         return st.column_config.TextColumn(title, help=about, max_chars=200)

@@ -4,7 +4,7 @@ from typing import Any
 
 import streamlit as st
 
-from dldsim.app.web.api import answers, outcome_specs, specs
+from dldsim.app.web.api import answers, field_limits, outcome_specs, specs
 from dldsim.app.web.ui import cells_form, check_chapter, client, outlets_chapter, parts
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.parts import at_field, number
@@ -37,7 +37,7 @@ def page() -> None:
     check = check_chapter.current()
     if check is not None and "form:outcome_gap_um" not in st.session_state:
         _fill(check.spec)
-    fields = {f.name: f for f in answers.limits_of(outcome_specs.OutcomeSpec)}
+    fields = {f.name: f for f in field_limits.limits_of(outcome_specs.OutcomeSpec)}
     spec = cells_form.show(PLACE, info, fields)
     spec |= _first(info, fields)
     spec |= _second(info, fields)
@@ -144,7 +144,7 @@ def _second(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any
     )
     if not wanted:
         return {}
-    inner = {f.name: f for f in answers.limits_of(outcome_specs.DeviceSpec)}
+    inner = {f.name: f for f in field_limits.limits_of(outcome_specs.DeviceSpec)}
     with st.container(border=True):
         st.markdown("**Second array**")
         outlet = number(fields["from_outlet"], "Fed by outlet", "form:from_outlet", 2, whole=True)

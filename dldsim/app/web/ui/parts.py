@@ -8,7 +8,7 @@ import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
 
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, field_limits, specs
 from dldsim.app.web.ui import client
 from dldsim.app.web.ui.client import ApiError
 
@@ -112,7 +112,7 @@ def at_field(place: str, *names: str) -> None:
 # ----------------------------------------------------------------------------------------- fields
 
 
-def allowed(field: answers.FieldLimit, most: float | None = None) -> str:
+def allowed(field: field_limits.FieldLimit, most: float | None = None) -> str:
     """Allowed range in words."""
     low, high = field.minimum, field.maximum if most is None else most
     unit = f" {field.unit}" if field.unit else ""
@@ -124,7 +124,7 @@ def allowed(field: answers.FieldLimit, most: float | None = None) -> str:
 
 
 def number(
-    field: answers.FieldLimit,
+    field: field_limits.FieldLimit,
     label: str,
     key: str,
     default: float | None,

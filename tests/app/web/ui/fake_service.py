@@ -8,7 +8,7 @@ from math import atan, degrees
 import httpx
 import pandas as pd
 
-from dldsim.app.web.api import answers, outcome_specs, specs
+from dldsim.app.web.api import answers, field_limits, outcome_specs, specs
 from tests.app.web.ui.made_answers import ABOUT, ARRAYS, HIGH, LOW, angle, outcome, result, row
 
 ID = "11111111-2222-3333-4444-555555555555"
@@ -81,7 +81,7 @@ class Fake:
                 cell={"radius_um": 7.5},
                 device={},
                 safety_distance_um=2.0,
-                fields=answers.limits_of(specs.DesignSpec),
+                fields=field_limits.limits_of(specs.DesignSpec),
                 limits={"trials_max": 500, "upload_max_bytes": 4_000_000},
                 provenance=about,
             )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, field_limits, specs
 from dldsim.app.web.ui import candidate_charts, chart_style, domain_charts, search_charts
 from dldsim.app.web.ui.parts import allowed
 from tests.app.web.ui import made_answers
@@ -64,7 +64,7 @@ def test_parallel_lines_cover_every_feasible_trial():
     ],
 )
 def test_allowed_range_in_words(low, high, open_, words):
-    limit = answers.FieldLimit(
+    limit = field_limits.FieldLimit(
         name="x",
         minimum=low,
         exclusive_minimum=open_,

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dldsim.app.web.api import answers, specs
+from dldsim.app.web.api import answers, field_limits, specs
 from dldsim.app.web.ui.parts import allowed
 from tests.app.web.ui import made_answers
 from tests.app.web.ui.fake_service import ID
@@ -27,7 +27,7 @@ def test_default_form_is_a_request_that_the_contract_takes(service):
 def test_fields_show_unit_and_allowed_range(service):
     page = opened()
     radius = page.number_input(key="form:radius_1_um")
-    [limit] = [f for f in answers.limits_of(specs.DesignSpec) if f.name == "radius_1_um"]
+    [limit] = [f for f in field_limits.limits_of(specs.DesignSpec) if f.name == "radius_1_um"]
     assert "[µm]" in radius.label and radius.max == limit.maximum
     assert f"allowed {allowed(limit)}" in texts(page)
     assert page.slider(key="form:trials").max == 500  # the service takes fewer than the contract
