@@ -176,8 +176,8 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
 def replay(row: Mapping[str, Any], tolerance: float, max_rows: int) -> dict[str, Any]:
     """The row that the run would have given with another `orbit_tolerance` and `max_rows`.
 
-    ``row``: a run that went at least as far. Its wall time and steps are taken in proportion to the
-    rows.
+    ``row``: a run that went at least as far. Its processor time and steps are taken in
+    proportion to the rows.
     """
     import numpy as np
 
@@ -201,7 +201,7 @@ def replay(row: Mapping[str, Any], tolerance: float, max_rows: int) -> dict[str,
         "migration_angle_deg": result.migration_angle_deg,
         "angle_low_deg": result.angle_low_deg,
         "angle_high_deg": result.angle_high_deg,
-        "wall_time_s": row["wall_time_s"] * share,
+        "processor_time_s": row["processor_time_s"] * share,
         "steps": round(row["steps"] * share),
     }
 
@@ -317,7 +317,7 @@ def _mean(rows: Sequence[Mapping], quantity: str) -> dict:
         "settled": all(row["status"] in SETTLED for row in rows),
         "half_width_deg": None if None in widths else mean(widths),
         "rows": average("rows_completed"),
-        "wall_time_s": average("wall_time_s"),
+        "processor_time_s": average("processor_time_s"),
         "steps": whole("steps"),
         "nodes": whole("nodes"),
         "vertices": whole("vertices"),

@@ -183,11 +183,11 @@ def _simulate(
         rows = f"{path.rows} of at most {control.max_rows} rows"
         return f"{words}, {rows}", x / array.pitch / control.max_rows
 
-    loop = time.perf_counter()
+    loop, processor = time.perf_counter(), time.process_time()
     stop = advance_until(
         scene, chunk, watch, patience=row_patience(array, numerics), progress=progress, where=where
     )
-    wall = time.perf_counter() - loop
+    times = time.perf_counter() - loop, time.process_time() - processor
     migration = analyse()
     if stop.status in (STUCK, UNSTABLE):
         migration, left = broken_off(*stop, migration.lateral_steps), None
@@ -205,7 +205,7 @@ def _simulate(
         **{name: getattr(migration, name) for name in MIGRATION},
         "rows_completed": path.rows,
         "lateral_steps_um": migration.lateral_steps.tolist(),
-        **cost_and_quality(scene, record, wall),
+        **cost_and_quality(scene, record, *times),
         "pitch_nodes": array.pitch,
         "row_shift_nodes": array.row_shift,
         "height_on_lattice_um": array.height_um,
@@ -316,7 +316,9 @@ def known_of(
     }
 
 
-def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> dict:
+def cost_and_quality(
+    scene: CellInFlow, record: Record, wall_time_s: float, processor_time_s: float
+) -> dict:
     """Columns of `runs` about cost, conservation and numbers of the run."""
     nodes = scene.fluid.lattice.nodes
     mean = record.column("mean_velocity")[1:]
@@ -330,6 +332,7 @@ def cost_and_quality(scene: CellInFlow, record: Record, wall_time_s: float) -> d
         "spacing_um": record.units.spacing_um,
         "time_step_us": record.units.time_step_us,
         "wall_time_s": wall_time_s,
+        "processor_time_s": processor_time_s,
         "ms_per_step": wall_time_s / scene.steps * 1e3,
         "mlups": nodes * scene.steps / wall_time_s / 1e6,
         "reynolds_number": record.units.reynolds_number(scene.radius_um),

@@ -211,16 +211,16 @@ def _simulate(
         words = f"cell {(x - begin) * spacing:+.1f} µm from the throat"
         return words, (x - release) / (out - release)
 
-    loop = time.perf_counter()
+    loop, processor = time.perf_counter(), time.process_time()
     stop = advance_until(scene, chunk, watch, progress=progress, where=where)
-    wall = time.perf_counter() - loop
+    times = time.perf_counter() - loop, time.process_time() - processor
     x = record.column("centre")[:, 0]
     return measured(
         scene,
         record,
         sights,
         box_index,
-        wall,
+        times,
         stop,
         lambda values: np.interp(middle, x, values),
         capillary_number=scene.units.capillary_number(stiffness.ks_uN_per_m, velocity_mm_s),

@@ -39,8 +39,8 @@ def overall(accuracy: pd.DataFrame, quantity: str) -> pd.DataFrame:
     """Each setting over all cases of a quantity, measured against the combined reference.
 
     Columns: kind, knob, setting, is_default, error (root mean square of the cases' shares), noise
-    (likewise), cost (geometric mean of the wall time relative to the default), settled, front (no
-    other is both cheaper and better). Without the reference itself, knobs of the release, and
+    (likewise), cost (geometric mean of the processor time relative to the default), settled, front
+    (no other is both cheaper and better). Without the reference itself, knobs of the release, and
     settings that have no value in some case. The time is that of a row, since how soon an orbit is
     found is chance; where the setting is about the number of rows, that of the replayed run.
     """
@@ -48,9 +48,9 @@ def overall(accuracy: pd.DataFrame, quantity: str) -> pd.DataFrame:
     default = part[(part["kind"] == "setting") & part["is_default"]].set_index("case")
     rows = part["rows"].where(~part["knob"].isin(REPLAYED)).fillna(1.0).astype(float)
     usual = part["case"].map(default["rows"]).where(~part["knob"].isin(REPLAYED)).fillna(1.0)
-    own = part[part["knob"].isin(REPLAYED) & part["is_default"]].groupby("case")["wall_time_s"]
+    own = part[part["knob"].isin(REPLAYED) & part["is_default"]].groupby("case")["processor_time_s"]
     base = part["case"].map(own.first()).where(part["knob"].isin(REPLAYED))
-    time = part["wall_time_s"] / base.fillna(part["case"].map(default["wall_time_s"]))
+    time = part["processor_time_s"] / base.fillna(part["case"].map(default["processor_time_s"]))
     part = part.assign(cost=time / rows * usual.astype(float))
     part = part[~part["knob"].isin((REFERENCE, *INITIAL))]
     rows = []
@@ -123,7 +123,7 @@ def _plain(panel) -> None:
 
 @styled
 def draw_knobs(accuracy: pd.DataFrame, quantity: str) -> Figure:
-    """Error against the finest value of each knob over wall time, a panel per case."""
+    """Error against the finest value of each knob over processor time, a panel per case."""
     table = accuracy[(accuracy["quantity"] == quantity) & (accuracy["kind"] == "knob")]
     styles = knob_styles(table["knob"])
     cases = list(dict.fromkeys(table["case"]))
@@ -137,12 +137,12 @@ def draw_knobs(accuracy: pd.DataFrame, quantity: str) -> Figure:
             colour, marker = styles[knob]
             part = part[~part["is_reference"] & part["error_share"].notna()].sort_values("rank")
             error = 100 * part["error_share"].clip(lower=LEAST)
-            panel.plot(part["wall_time_s"], error, "-", color=colour, linewidth=1)
+            panel.plot(part["processor_time_s"], error, "-", color=colour, linewidth=1)
             for settled, dots in part.groupby("settled"):
-                dot(panel, dots["wall_time_s"], error[dots.index], colour, marker, settled)
+                dot(panel, dots["processor_time_s"], error[dots.index], colour, marker, settled)
             own = part[part["is_default"]]
             panel.plot(
-                own["wall_time_s"],
+                own["processor_time_s"],
                 error[own.index],
                 "o",
                 markersize=10,
@@ -150,7 +150,7 @@ def draw_knobs(accuracy: pd.DataFrame, quantity: str) -> Figure:
                 markerfacecolor="none",
                 markeredgewidth=0.9,
             )
-        panel.set(xscale="log", yscale="log", xlabel="wall time of a run [s]", title=case)
+        panel.set(xscale="log", yscale="log", xlabel="processor time of a run [s]", title=case)
         panel.set_ylim(bottom=100 * LEAST / 1.6)
         _plain(panel)
         if panel.get_subplotspec().is_first_col():
@@ -215,7 +215,7 @@ def draw_pareto(accuracy: pd.DataFrame) -> Figure:
         panel.set(
             xscale="log",
             yscale="log",
-            xlabel="wall time / that of the default",
+            xlabel="processor time / that of the default",
             ylabel=f"error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]",
             title=QUANTITY[quantity],
         )

@@ -135,6 +135,9 @@ COST = optional(
     real("wall_time_s", "s", "time of the calculation"),
     real("mlups", "1e6/s", "lattice node updates a second"),
 )
+PROCESSOR = real(
+    "processor_time_s", "s", "processor time of the time steps, whatever else runs", nullable=True
+)
 DRIFT = optional(
     real("volume_drift_max", "1", "largest relative deviation of the cell volume from rest"),
     real("area_drift_max", "1", "largest relative deviation of the membrane area from rest"),

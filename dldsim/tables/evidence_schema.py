@@ -56,7 +56,7 @@ TABLES = {
         *optional(
             real("half_width_deg", "°", "half of the 95 % interval, mean over the starts"),
             real("rows", "1", "rows that the cell was followed, mean over the starts"),
-            real("wall_time_s", "s", "wall time of a run, mean over the starts"),
+            real("processor_time_s", "s", "processor time of a run, mean over the starts"),
             count("steps", "time steps, mean over the starts"),
             count("nodes", "fluid nodes"),
             count("vertices", "membrane vertices"),

@@ -157,7 +157,11 @@ def test_a_check_is_simulated_and_goes_on_where_it_stopped(tmp_path, monkeypatch
     again, run = [], cell_check._run
     monkeypatch.setattr(cell_check, "_run", lambda d, *a: again.append(d.number) or run(d, *a))
     assert simulate_cells(drawn, setting, tmp_path, said.append, processes=1) == [
-        r | {k: n[k] for k in ("wall_time_s", "ms_per_step", "mlups", "start_up_s")}
+        r
+        | {
+            k: n[k]
+            for k in ("wall_time_s", "processor_time_s", "ms_per_step", "mlups", "start_up_s")
+        }
         for r, n in zip(
             rows, simulate_cells(drawn, setting, tmp_path, said.append, processes=1), strict=True
         )

@@ -66,7 +66,7 @@ def row(angle, run=ONE, **changes):
         "mode": "zigzag" if angle is not None else "none",
         "status": "periodic" if angle is not None else "unstable",
         **interval(angle, 0.196),
-        "wall_time_s": 6.0,
+        "processor_time_s": 6.0,
         "steps": 600,
         "nodes": 3,
         "vertices": 4,
@@ -86,7 +86,7 @@ def row(angle, run=ONE, **changes):
 
 
 def channel(index):
-    return {"deformation_index": index, "status": "converged", "wall_time_s": 2.0, "steps": 10}
+    return {"deformation_index": index, "status": "converged", "processor_time_s": 2.0, "steps": 10}
 
 
 # -------------------------------------------------------------------------------- which runs
@@ -182,7 +182,7 @@ def test_a_replay_is_the_run_that_would_have_been():
     assert {strict["status"], loose["status"]} <= {"converged", "periodic"}
     assert loose["rows_completed"] < strict["rows_completed"] < 60
     assert accuracy.half_width(loose) > accuracy.half_width(strict)
-    assert strict["wall_time_s"] == pytest.approx(6.0 * strict["rows_completed"] / 60)
+    assert strict["processor_time_s"] == pytest.approx(6.0 * strict["rows_completed"] / 60)
     cut = accuracy.replay(long, 1e-9, 10)
     assert (cut["rows_completed"], cut["status"]) == (10, "undecided")
     total = sum(long["lateral_steps_um"][5:10])
@@ -287,7 +287,7 @@ def test_front_holds_what_nothing_beats():
             "is_default": default,
             "error_to_reference_share": error,
             "noise_share": 0.01,
-            "wall_time_s": time,
+            "processor_time_s": time,
             "rows": None,
             "settled": True,
         }
@@ -299,7 +299,10 @@ def test_front_holds_what_nothing_beats():
         point("careful", 0.01, 8),
         point("broken", None, 1),
     ]
-    twice = [*rows, *({**r, "case": "b", "wall_time_s": 3 * r["wall_time_s"]} for r in rows)]
+    twice = [
+        *rows,
+        *({**r, "case": "b", "processor_time_s": 3 * r["processor_time_s"]} for r in rows),
+    ]
     table = accuracy_figures.overall(pd.DataFrame(twice), "migration_angle").set_index("knob")
     assert table["front"].to_dict() == {
         "cheap": True,

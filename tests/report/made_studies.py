@@ -46,7 +46,7 @@ def accuracy_tables() -> dict[str, pd.DataFrame]:
                     "mode": "bump",
                     "status": "unstable" if error is None else "periodic/undecided",
                     "settled": case != "edge" and error is not None,
-                    "wall_time_s": time,
+                    "processor_time_s": time,
                     "rows": 20.0,
                 }
             )
