@@ -185,6 +185,15 @@ def curve_of(
 
     Raises DldsimError for an assay or a cell that is not calibrated.
     """
+    check_assay(calibration, assay)
+    rows = calibration[calibration["assay"] == assay].dropna(subset=[DEFORMATION])
+    if "cell_shape" in rows and len(rows) and (rows["cell_shape"] != "").all():
+        rows = _of_cell(rows, assay, shape, radius_um)
+    return rows.sort_values("ks_uN_per_m", kind="stable").reset_index(drop=True)
+
+
+def check_assay(calibration: pd.DataFrame, assay: str) -> None:
+    """Refuse an assay that is not calibrated. Raises DldsimError."""
     known = list(dict.fromkeys(calibration["assay"]))
     if assay not in known:
         raise DldsimError(
@@ -195,10 +204,6 @@ def curve_of(
             allowed=", ".join(known),
             remedy="Name one of these, or measure it with `python -m dldsim calibrate`.",
         )
-    rows = calibration[calibration["assay"] == assay].dropna(subset=[DEFORMATION])
-    if "cell_shape" in rows and len(rows) and (rows["cell_shape"] != "").all():
-        rows = _of_cell(rows, assay, shape, radius_um)
-    return rows.sort_values("ks_uN_per_m", kind="stable").reset_index(drop=True)
 
 
 def _of_cell(

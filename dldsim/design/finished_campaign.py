@@ -1,5 +1,6 @@
 """The campaign that designs are made from: its tables, its surrogate, and what they hold for."""
 
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from dldsim.config.configuration import Partial, Sweep
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.explain import validate
 from dldsim.config.sections import CellShape, Flow, Numerics, RunControl, Section, Stiffness
+from dldsim.design import assay_settings
 from dldsim.design.chip import Chip, Resistance
 from dldsim.errors import DldsimError
 from dldsim.files import atomic_path
@@ -46,12 +48,16 @@ def make_chip(settings: Mapping, flows: pd.DataFrame | None) -> Chip:
 
 
 class Campaign(NamedTuple):
-    """A finished campaign that designs are made from: settings as its tables tell them."""
+    """A finished campaign that designs are made from: settings as its tables tell them.
+
+    ``assays``: settings of its assays, where they are known (`assay_settings.read_made`).
+    """
 
     settings: dict[str, Any]
     tables: dict[str, pd.DataFrame]
     chip: Chip
     model: surrogate.Surrogate
+    assays: Mapping[str, Mapping[str, Any]] = {}
 
     @property
     def calibration(self) -> pd.DataFrame | None:
@@ -91,7 +97,8 @@ def read_campaign(directory: Path, device: Device, safety_distance_um: float) ->
         tables["survey"] = read_survey()
     check_model(model, tables, directory)
     about = describe(directory / "outcomes.parquet")["provenance"]["settings"]
-    return make_campaign(tables, model, about.get("run_control"), device, safety_distance_um)
+    known = make_campaign(tables, model, about.get("run_control"), device, safety_distance_um)
+    return known._replace(assays=assay_settings.read_made(directory))
 
 
 def make_campaign(
@@ -122,12 +129,15 @@ def check_settings(
 
     Compared are the settings that the configuration names: liquid and drive; reach of the contact
     and area forces, which are assumptions about the cell, not resolution; stiffness sets of the
-    request; shape and radius of the cells, velocity and height, where the request does not say its
-    own; and, to ``simulate``, everything that is simulated with. Raises DldsimError that names key,
-    value, and what the campaign was made with.
+    request; the assay that indices are read by; whether the survey was learnt from; shape and
+    radius of the cells, velocity and height, where the request does not say its own; and, to
+    ``simulate``, everything that is simulated with. Raises DldsimError that names key, value, and
+    what the campaign was made with.
     """
     if settings is None:
         return
+    by = None if request is None else request.assay
+    assay_settings.check_assays(settings, known.calibration, known.assays, by)
     wanted: list[tuple[str, Any, Any, str]] = []
     sections = {
         "cell": ("aspect_ratio",),
@@ -140,6 +150,12 @@ def check_settings(
             "numerics": tuple(Numerics.model_fields),
             "run_control": tuple(RunControl.model_fields),
         }
+    learnt = known.model.card["data"]["survey"] is not None
+    wanted += [
+        (f"surrogate.{key}", value, learnt, "")
+        for key, value in _named(settings, "surrogate", ("survey",))
+        if learnt and not value
+    ]
     for name, keys in sections.items():
         wanted += [
             (f"{name}.{key}", value, known.settings[name].get(key), "")
@@ -235,6 +251,25 @@ def keep_campaign(results: Path, directory: Path = CAMPAIGN_DATA) -> None:
     for name in ("surrogate.json", "surrogate_card.json"):
         with atomic_path(Path(directory) / name) as part:
             part.write_bytes((Path(results) / name).read_bytes())
+    made = assay_settings.read_made(results)
+    with atomic_path(Path(directory) / assay_settings.KEPT) as part:
+        part.write_text(json.dumps(made, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def with_default_assay(settings: Partial | None, request: DesignRequest) -> DesignRequest:
+    """The request by the assay that a configuration names as default, unless it names its own or
+    nothing that an assay has measured."""
+    named = settings is not None and "default_assay" in settings.model_fields_set
+    measured = ("deformation_index_{}", "deformation_index_std_{}")
+    given = [getattr(request, key.format(i)) for key in measured for i in "12"]
+    if (
+        settings is None
+        or not named
+        or request.assay is not None
+        or not any(value is not None for value in given)
+    ):
+        return request
+    return request.model_copy(update={"assay": settings.default_assay})
 
 
 def check_model(

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import pandas as pd
 
+from dldsim.analysis.calibration import check_assay
 from dldsim.analysis.domain import Domain
 from dldsim.analysis.features import CellInFlow
 from dldsim.analysis.stiffness import stiffness_at
@@ -165,10 +166,12 @@ def make_population(
 ) -> Population:
     """One cell type: a stiffness set named is taken as it is, else the moduli are those at its k_s.
 
-    Raises DldsimError for a set that neither campaign nor calibration knows, an index outside the
-    calibrated range or without a calibration, beads where no spheres were learnt, and a channel too
-    low for the cell.
+    Raises DldsimError for an assay that is not calibrated, whether it is needed or not, a set that
+    neither campaign nor calibration knows, an index outside the calibrated range or without a
+    calibration, beads where no spheres were learnt, and a channel too low for the cell.
     """
+    if assay is not None and calibration is not None:
+        check_assay(calibration, assay)
     index_key, set_key, ks_key, rigid_key, shape_key, _ = asked.keys
     index, ends, by = asked.deformation_index, None, None
     if asked.rigid:

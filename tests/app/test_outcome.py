@@ -214,3 +214,20 @@ def test_bad_input_is_refused_with_what_to_do(words, parts, capsys, campaign):
     assert (code, summary) == (2, None)
     assert all(part in message for part in parts), message
     assert "Traceback" not in message
+
+
+def test_seed_and_default_assay_of_the_configuration_are_honoured(capsys, campaign, tmp_path):
+    (tmp_path / "config.yaml").write_text("seed: 7\ndefault_assay: gauge\n", encoding="utf-8")
+    code, summary, _ = outcome(capsys, campaign, *ARRAY, *CELLS, *FEW)
+    assert code == 0 and summary["seed"] == 7
+    by_option = outcome(capsys, campaign, *ARRAY, *CELLS, *FEW, "--seed", 8)[1]
+    assert by_option["seed"] == 8 and by_option["outcomes"] != summary["outcomes"]
+    by_index = ["--di1", 0.7, "--set2", "3", "--r1", 7.5, "--r2", 8]
+    code, _, message = outcome(capsys, campaign, *ARRAY, *by_index, *FEW)
+    assert code == 2 and "no assay 'gauge'. Calibrated: group-velocity" in message
+
+
+@pytest.mark.parametrize("cells", [CELLS, ["--ks1", 10, "--set2", "3", "--r1", 5.5, "--r2", 8]])
+def test_an_unknown_assay_is_refused_even_where_nothing_is_read_by_it(capsys, campaign, cells):
+    code, _, message = outcome(capsys, campaign, *ARRAY, *cells, *FEW, "--assay", "nonsense")
+    assert code == 2 and "no assay 'nonsense'" in message

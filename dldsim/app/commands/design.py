@@ -4,11 +4,18 @@ import argparse
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from dldsim.app.commands.options import add_command, add_config, add_option, number, option_of, seed
+from dldsim.app.commands.options import (
+    add_command,
+    add_config,
+    add_option,
+    add_seed,
+    number,
+    option_of,
+)
 from dldsim.app.commands.outcome import outcome_lines
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
 from dldsim.app.commands.populations import add_populations, request_of
-from dldsim.app.commands.settings import configuration, safety_distance_um
+from dldsim.app.commands.settings import configuration, safety_distance_um, seed_of
 from dldsim.config.configuration import Sweep
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.config.explain import check_value, validate
@@ -24,6 +31,8 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     values, measured = request_of(args)
     request = validate(DesignRequest, values | {"name": args.request_name})
     config = configuration(args.config)
+    request = finished_campaign.with_default_assay(config, request)
+    seed = seed_of(config, args)
     output = args.output
     if args.verify:
         output = output or Path(f"design-{request.name}")
@@ -41,7 +50,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     )
     finished_campaign.check_settings(config, known, request, args.verify)
     budget = Verification() if config is None else config.verification
-    made = design_answers.make_designs(request, known, args.seed, budget, measured=measured)
+    made = design_answers.make_designs(request, known, seed, budget, measured=measured)
     found, verdicts, files = made.found, None, []
     if args.verify:
         with Display() as progress:
@@ -72,7 +81,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         "outcomes": records(tables_of(made.devices, SUMMED_UP)["device_outcomes"]),
         "outcome_notes": made.notes,
         "trials": len(found.trials),
-        "seed": args.seed,
+        "seed": seed,
         "surrogate": {k: known.model.card[k] for k in ("data", "scores_by_geometry")},
         "verified_designs": None if verdicts is None else records(verdicts.designs),
         "verifications": None if verdicts is None else records(verdicts.verifications),
@@ -270,7 +279,7 @@ def add_design(commands) -> None:
         help="a gap must exceed P_r + this; default: the configuration's, or "
         f"{Sweep.model_fields['safety_distance_um'].default:g}",
     )
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="default %(default)s")
+    add_seed(parser)
     parser.add_argument(
         "--results",
         type=Path,

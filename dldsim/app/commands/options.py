@@ -62,6 +62,16 @@ def add_config(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    default = Config.model_fields["seed"].default
+    parser.add_argument(
+        "--seed",
+        type=seed,
+        metavar="N",
+        help=f"of everything random; default: the configuration's, or {default}",
+    )
+
+
 def add_fields(
     parser: argparse.ArgumentParser, title: str, model: type[Section], without: Iterable[str] = ()
 ) -> None:

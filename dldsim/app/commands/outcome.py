@@ -4,10 +4,10 @@ import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from dldsim.app.commands.options import add_command, add_config, add_option, seed
+from dldsim.app.commands.options import add_command, add_config, add_option, add_seed
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
 from dldsim.app.commands.populations import add_populations, request_of
-from dldsim.app.commands.settings import configuration, given_by, safety_distance_um
+from dldsim.app.commands.settings import configuration, given_by, safety_distance_um, seed_of
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.explain import validate
 from dldsim.config.sections import Geometry
@@ -39,6 +39,8 @@ def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         check_writable(args.csv, "--csv")
     values, measured = request_of(args, designs[0].request, GEOMETRY)
     request = validate(DesignRequest, {"name": designs[0].name} | values)
+    request = finished_campaign.with_default_assay(config, request)
+    seed = seed_of(config, args)
     known = finished_campaign.read_campaign(
         args.results or finished_campaign.packaged_campaign(),
         designs[0].device,
@@ -46,21 +48,12 @@ def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     )
     finished_campaign.check_settings(config, known, request, args.simulate is not None)
     asked = ask(request, resolve_by(known, request), known.tables, measured)
-    found = outcome_answers.make_outcomes(
-        asked, designs, known, args.seed, from_outlet=args.from_outlet
-    )
+    found = outcome_answers.make_outcomes(asked, designs, known, seed, from_outlet=args.from_outlet)
     tables = tables_of(found)
     if args.simulate is not None:
         with Display() as progress:
             tables |= outcome_answers.check_by_simulation(
-                asked,
-                designs[0],
-                found[0],
-                known,
-                args.simulate,
-                args.seed,
-                output / "cells",
-                progress,
+                asked, designs[0], found[0], known, args.simulate, seed, output / "cells", progress
             )
     files = []
     if args.csv is not None:
@@ -68,7 +61,7 @@ def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             tables["device_outcomes"].to_csv(part, index=False)
         files.append(str(args.csv))
     if output is not None:
-        about = outcome_answers.about_outcome(asked, known, designs, args.seed)
+        about = outcome_answers.about_outcome(asked, known, designs, seed)
         files += [str(path) for path in outcome_answers.write_outcomes(tables, output, about)]
     summary = {
         "doubt": doubt(asked.populations),
@@ -80,7 +73,7 @@ def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         "outcomes": records(tables["device_outcomes"]),
         "outlets": records(tables["device_outlets"]),
         "checks": records(tables["device_checks"]) if "device_checks" in tables else None,
-        "seed": args.seed,
+        "seed": seed,
         "files": files,
     }
     return summary, _lines(summary)
@@ -261,7 +254,7 @@ def add_outcome(commands) -> None:
         help="simulate so many cells, half of each population, in the first array (minutes); an "
         "interrupted check goes on where it stopped",
     )
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="default %(default)s")
+    add_seed(parser)
     parser.add_argument(
         "--results",
         type=Path,

@@ -30,6 +30,13 @@ def safety_distance_um(config: Partial | None) -> float:
     return config.sweep.safety_distance_um
 
 
+def seed_of(config: Partial | None, args: argparse.Namespace) -> int:
+    """The seed of the command line, else the configuration's, else the default."""
+    if args.seed is not None:
+        return args.seed
+    return Partial.model_fields["seed"].default if config is None else config.seed
+
+
 def given_by(model: type[Section], args: argparse.Namespace) -> dict:
     """The fields of a section that the command line names."""
     values = {key: getattr(args, key, None) for key in model.model_fields}
