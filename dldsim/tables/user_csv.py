@@ -2,17 +2,20 @@
 
 import csv
 import io
+import math
+import re
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 
 from dldsim.errors import DldsimError
-from dldsim.tables.user_values import COLUMN_TYPES
+from dldsim.tables.user_values import COLUMN_TYPES, MISSING, as_number
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 HEADER_LINES = 20
 """The header is looked for among so many lines."""
+DECIMALS = r"\d+([eE][+-]?\d+)?"
 
 
 def read_csv(content: bytes, where: str) -> tuple[pd.DataFrame, list[str], str, list[str]]:
@@ -32,20 +35,107 @@ def read_csv(content: bytes, where: str) -> tuple[pd.DataFrame, list[str], str, 
         notes.append(f"fields are separated by {SEPARATORS.get(separator, repr(separator))}")
     if above := sum(bool(line.strip()) for line in lines[:skipped]):
         notes.append(f"{above} lines above the header left out")
-    reader = csv.reader(io.StringIO("\n".join(body.split("\n", 50)[:50])), delimiter=separator)
-    rows = [row for row in reader if any(cell.strip() for cell in row)] or [header]
+    header, body, fields = _widths(header, body, separator, where)
+    table = _fields(body, fields, len(header), where)
+    return table, header, separator, notes
+
+
+def _widths(header: list[str], body: str, separator: str, where: str) -> tuple[list[str], str, str]:
+    """Header, rows and the separator of these, where rows are longer than the header: by row
+    numbers, by an empty field at the end, or by decimal commas that look like separators.
+
+    Raises DldsimError where they can be read in two ways, and for other lengths.
+    """
+    rows = _rows("\n".join(body.split("\n", 50)[:50]), separator) or [header]
+    if separator == "," and (len(rows[0]) > len(header) or len(header) == 1 and "," in body):
+        found = _decimal_commas(len(header), body, where)
+        if found is not None:
+            return header, found, ";"
     first = rows[0]
     if len(first) == len(header) + 1:
-        ending = all(row[-1].strip() == "" for row in rows)
-        header = [*header, ""] if ending else ["", *header]
-    elif len(first) != len(header):
+        if all(row[-1].strip() == "" for row in rows):
+            return [*header, ""], body, separator
+        names = [row[0].strip() for row in rows]
+        if not (_quoted(body) or _counted(names) or not any(map(_is_number, names))):
+            raise DldsimError(
+                f"{where}: the header has {len(header)} columns, the first row {len(first)}, and "
+                f"the first field, such as {first[0]!r}, is no row number. Name every column."
+            )
+        return ["", *header], body, separator
+    if len(first) != len(header):
         raise DldsimError(
             f"{where}: the header has {len(header)} columns, the first row {len(first)} (separated "
             f"by {SEPARATORS.get(separator, repr(separator))}). Make them agree; quote fields that "
-            "hold the separator."
+            "hold the separator, and write numbers with a decimal point."
         )
-    table = _fields(body, separator, len(header), where)
-    return table, header, separator, notes
+    return header, body, separator
+
+
+def _rows(body: str, separator: str) -> list[list[str]]:
+    reader = csv.reader(io.StringIO(body), delimiter=separator)
+    return [row for row in reader if any(cell.strip() for cell in row)]
+
+
+def _decimal_commas(width: int, body: str, where: str) -> str | None:
+    """Rows of so many columns with their fields between semicolons, where commas are decimal signs
+    as well as separators and that is the only way to read them; None where they separate fields.
+
+    Raises DldsimError if the first field may be a row number as well, or a name without a column.
+    """
+    rows = [[cell.strip() for cell in row] for row in _rows(body, ",")]
+    if all(row[-1] == "" for row in rows):
+        return None
+    longest = max(map(len, rows), default=0)
+    if width == 1:
+        if longest != 2 or not all(
+            len(row) == 1 and (row[0].lower() in MISSING or _joined(row[0], "0")) or _joined(*row)
+            for row in rows
+        ):
+            return None
+        merged = [[",".join(row)] for row in rows]
+    elif longest == 2 * width and all(_all_joined(row, width) for row in rows):
+        merged = [[",".join(row[i : i + 2]) for i in range(0, len(row), 2)] for row in rows]
+    elif longest == width + 1 and any(
+        all(len(row) == longest and _joined(*row[j : j + 2]) for row in rows) for j in range(width)
+    ):
+        merged = []
+    else:
+        return None
+    numbered = longest == width + 1 and all(len(row) == longest for row in rows)
+    if numbered and _quoted(body):
+        return None
+    if not merged or numbered and _counted([row[0] for row in rows]):
+        raise DldsimError(
+            f"{where}: the rows have {longest} fields, such as {','.join(rows[0])!r}, and the "
+            f"header {width}. The first may have no name, or a comma may be a decimal sign. Name "
+            "every column, and write numbers with a decimal point or fields apart by semicolons."
+        )
+    return "\n".join(";".join(row) for row in merged) + "\n"
+
+
+def _quoted(body: str) -> bool:
+    """Whether the first field is quoted, as R writes names of rows."""
+    return body.lstrip()[:1] in ('"', "'")
+
+
+def _counted(names: list[str]) -> bool:
+    """Whether these are 0, 1, 2, … or 1, 2, 3, …"""
+    return names[0] in ("0", "1") and names == [
+        str(i) for i in range(int(names[0]), int(names[0]) + len(names))
+    ]
+
+
+def _is_number(text: str) -> bool:
+    return not math.isnan(as_number(text)) or bool(re.fullmatch(r"\d+,\d+", text))
+
+
+def _all_joined(row: list[str], width: int) -> bool:
+    return len(row) == 2 * width and all(_joined(*row[i : i + 2]) for i in range(0, len(row), 2))
+
+
+def _joined(whole: str, part: str = "") -> bool:
+    """Whether these are what a decimal comma parts a number into."""
+    return bool(re.fullmatch(r"[+\N{MINUS SIGN}-]?\d+", whole) and re.fullmatch(DECIMALS, part))
 
 
 def _decoded(content: bytes, where: str) -> tuple[str, list[str]]:

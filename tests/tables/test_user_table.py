@@ -121,6 +121,53 @@ def test_what_can_mean_two_things_is_refused(text, words):
     assert all(word in str(error.value) for word in words), error.value
 
 
+CELLS = "radius_um,deformation_index\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "radii", "indices"),
+    [
+        ("radius_um\n6,4\n6,6\n6,5\n", [6.4, 6.6, 6.5], None),
+        ("radius_um\n6,4\n7\n6,55\n", [6.4, 7, 6.55], None),
+        ("radius_um\n7\n6,4\nNA\n6,5\n", [7, 6.4, 6.5], None),
+        ("radius_um\n1,5\n3,5\n", [1.5, 3.5], None),
+        ("radius_um\r\n6,4\r\n6,6\r\n", [6.4, 6.6], None),
+        (CELLS + "6,4,0,08\n6,6,0,09\n", [6.4, 6.6], [0.08, 0.09]),
+        ('radius_um\n"1",6\n"2",7\n', [6, 7], None),  # R's write.table
+        ("radius_um\n1,6.4\n2,6.6\n", [6.4, 6.6], None),
+        ("radius_um\na,6\nb,7\n", [6, 7], None),
+        (CELLS + "1,6.4,0.08\n2,6.6,0.09\n", [6.4, 6.6], [0.08, 0.09]),
+    ],
+)
+def test_decimal_commas_between_commas_are_told_from_row_numbers(text, radii, indices):
+    frame, notes, _ = read(text)
+    np.testing.assert_array_equal(frame["radius_um"], radii)
+    assert indices is None or frame["deformation_index"].tolist() == indices
+    assert any("decimal commas" in n or "row numbers" in n for n in notes)
+    assert list(frame) == CELLS.strip().split(",")[: 1 if indices is None else 2]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("radius_um\n1,6\n2,7\n3,5\n", "decimal sign"),
+        ("radius_um\n0,6\n1,7\n", "decimal sign"),
+        (CELLS + "6,0,08\n7,0,09\n", "decimal sign"),
+        ("cell,radius_um\na,6,4\nb,6,6\n", "decimal sign"),
+        ("cell,radius_um\n1,6,4\n2,6,6\n", "decimal sign"),
+        (CELLS + "6,4,0,08\n7,0,09\n", "decimal point"),
+        (CELLS + "6,4,0\n6,6,1\n", "decimal sign"),
+        ("radius_um\n6,400\n6,600\n", "separate thousands"),
+        ("radius_um\n6.4,0.08\n6.6,0.09\n", "no row number"),
+        ("radius_um\n6,0.08\n7,0.09\n", "no row number"),
+        ("radius_um\n6,4\n6.5\n", "no row number"),
+    ],
+)
+def test_what_may_be_either_is_refused(text, words):
+    with pytest.raises(DldsimError, match=words):
+        read(text)
+
+
 @pytest.mark.parametrize(
     "name",
     [
