@@ -15,6 +15,7 @@ from pydantic import (
     StringConstraints,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 
 
@@ -39,12 +40,23 @@ class Section(BaseModel):
         assert info.field_name is not None  # it has one, since it validates fields
         if _holds_flag(value) and bool not in _parts(cls.model_fields[info.field_name].annotation):
             raise ValueError("no true or false")
+        if _holds_underscore(value) and str not in _parts(
+            cls.model_fields[info.field_name].annotation
+        ):
+            raise ValueError("in plain digits")
         return value
 
 
 def _holds_flag(value: Any) -> bool:
     return isinstance(value, bool) or (
         isinstance(value, list | tuple) and any(_holds_flag(entry) for entry in value)
+    )
+
+
+def _holds_underscore(value: Any) -> bool:
+    """Whether this is a text such as 1_000, or holds one: Python reads it as a number."""
+    return (isinstance(value, str) and "_" in value) or (
+        isinstance(value, list | tuple) and any(_holds_underscore(entry) for entry in value)
     )
 
 
@@ -259,6 +271,12 @@ class RunControl(Section):
         if len(set(places)) < len(places):
             raise ValueError("each place once")
         return places
+
+    @model_validator(mode="after")
+    def _least_rows_within_most(self) -> "RunControl":
+        if self.min_rows > self.max_rows:
+            raise Unfit("min_rows at most max_rows", "min_rows", "max_rows")
+        return self
 
 
 class Constriction(Section):

@@ -102,6 +102,14 @@ def test_interrupted_before_it_begins_there_is_no_traceback(module, tmp_path):
     assert done.returncode == 130 and done.stderr == "\ndldsim: interrupted.\n"
 
 
+@pytest.mark.parametrize(
+    ("word", "value"), [("False", False), ("no", False), ("true", True), ("YES", True)]
+)
+def test_options_of_true_and_false(word, value):
+    given = cli.make_parser().parse_args(["run", *ARRAY, "--set", "1", "--half-scene", word])
+    assert given.half_scene is value
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_examples_parse(command):
     words = COMMANDS[command].epilog.split()[4:]
@@ -118,6 +126,18 @@ def test_examples_parse(command):
         (["run", *ARRAY, "--set", "1", "--periodicity", "1"], ["periodicity", "1", "≥ 2"]),
         (["run", *ARRAY, "--set", "1", "--periodicity", "4.5"], ["--periodicity", "4.5"]),
         (["run", *ARRAY, "--set", "1", "--drive", "x"], ["--drive", "axial"]),
+        (["run", *ARRAY, "--set", "1", "--half-scene", "0"], ["--half-scene", "'0'", "true"]),
+        (["run", *ARRAY, "--set", "1", "--half-scene", "maybe"], ["--half-scene", "'maybe'"]),
+        (["run", *ARRAY, "--set", "1", "--gap-um", "2_0"], ["--gap-um", "'2_0' is no finite"]),
+        (["run", *ARRAY, "--set", "1", "--periodicity", "1_0"], ["--periodicity", "no whole"]),
+        (["run", *ARRAY, "--set", "1", "--max-rows", "\N{FULLWIDTH DIGIT SIX}"], ["--max-rows"]),
+        (["design", "--set1", "1", "--set2", "5", "--seed", "1_0"], ["--seed", "'1_0'"]),
+        (["design", "--set1", "1", "--set2", "5", "--r1", "1_0"], ["--r1", "'1_0'"]),
+        (["design", "--set1", "1", "--set2", "5", "--gap-um", "1_0", "20"], ["--gap-um", "'1_0'"]),
+        (
+            ["run", *ARRAY, "--set", "1", "--min-rows", "10", "--max-rows", "3"],
+            ["min_rows, max_rows", "10, 3", "min_rows at most max_rows"],
+        ),
         (["run", *ARRAY, "--set", "1", "--config", "no.yaml"], ["Cannot read", "no.yaml"]),
         (["flow", "--gap-um", "20"], ["required", "--pillar-radius-um"]),
         (["constrict", "--group", "G8"], ["--group G8", "G1", "G7"]),

@@ -6,7 +6,9 @@ import pytest
 import yaml
 
 from dldsim.config.configuration import sections_from
+from dldsim.config.explain import validate
 from dldsim.config.presets import resolve
+from dldsim.config.sections import Flow, Numerics
 from dldsim.errors import DldsimError
 
 ROOT = Path(__file__).parents[2]
@@ -73,3 +75,11 @@ def test_stiffness_sets_are_calibrated_by_the_groups_of_the_source():
     groups = resolve(RAW).constriction_groups
     found = {g.stiffness_set: name for name, g in groups.items() if g.stiffness_set}
     assert found == {"1": "G1", "2": "G2", "3": "G5", "4": "G6", "5": "G7"}
+
+
+@pytest.mark.parametrize(
+    ("model", "values"), [(Flow, {"height_um": "1_0"}), (Numerics, {"rows": "1_0"})]
+)
+def test_numbers_are_written_in_plain_digits(model, values):
+    with pytest.raises(DldsimError, match="in plain digits"):
+        validate(model, values)

@@ -11,6 +11,7 @@ from dldsim.app.commands.options import (
     add_seed,
     number,
     option_of,
+    whole,
 )
 from dldsim.app.commands.outcome import outcome_lines
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
@@ -238,7 +239,7 @@ def add_design(commands) -> None:
         "design --shape1 sphere --ks1 10 --r1 5 --shape2 sphere --ks2 10 --r2 7.5 --velocity 1",
     )
     add_populations(parser)
-    for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", int)):
+    for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", whole)):
         low, high = DesignRequest.model_fields[key].default
         parser.add_argument(
             option_of(key),

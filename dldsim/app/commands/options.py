@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 import types
 import typing
 from collections.abc import Callable, Iterable
@@ -108,12 +109,14 @@ def add_option(
     ]
     about = f"{field.description} ({', '.join(limits)})" if limits else field.description
     if not (required or field.is_required()) and "default" not in about:
-        about += f"; default {'none' if field.default is None else field.default}"
-    kind = number if kind is float else kind
+        default = str(field.default).lower() if kind is bool else field.default
+        about += f"; default {'none' if field.default is None else default}"
+    if kind is bool:
+        unit = "true|false"
     parser.add_argument(
         option or option_of(key),
         dest=key,
-        type=kind,
+        type={float: number, int: whole, bool: truth}.get(kind, kind),
         choices=choices,
         required=required,
         metavar=unit,
@@ -121,10 +124,27 @@ def add_option(
     )
 
 
+TRUTHS = {"true": True, "yes": True, "false": False, "no": False}
+
+
+def truth(text: str) -> bool:
+    """True or false of the command line."""
+    if text.lower() not in TRUTHS:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither true nor false")
+    return TRUTHS[text.lower()]
+
+
+def whole(text: str) -> int:
+    """A whole number of the command line, in plain digits."""
+    if not re.fullmatch(r"[+-]?[0-9]+", text.strip()):
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number")
+    return int(text)
+
+
 def number(text: str) -> float:
-    """A finite number of the command line."""
+    """A finite number of the command line, in plain digits."""
     try:
-        value = float(text)
+        value = float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
@@ -135,8 +155,8 @@ def number(text: str) -> float:
 def seed(text: str) -> int:
     """A seed of the command line."""
     try:
-        return check_value(Config, "seed", int(text))
-    except (ValueError, DldsimError):
+        return check_value(Config, "seed", whole(text))
+    except (argparse.ArgumentTypeError, DldsimError):
         raise argparse.ArgumentTypeError(
             f"{text!r}: a seed is a whole number from 0 to {SEED_MAX}"
         ) from None

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from dldsim.app.commands.options import add_command, add_config, add_option, add_seed
+from dldsim.app.commands.options import add_command, add_config, add_option, add_seed, whole
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
 from dldsim.app.commands.populations import add_populations, request_of
 from dldsim.app.commands.settings import configuration, given_by, safety_distance_um, seed_of
@@ -243,13 +243,13 @@ def add_outcome(commands) -> None:
     )
     parser.add_argument(
         "--from-outlet",
-        type=int,
+        type=whole,
         metavar="N",
         help="that outlet of the first device, counted from the lower side wall",
     )
     parser.add_argument(
         "--simulate",
-        type=int,
+        type=whole,
         metavar="CELLS",
         help="simulate so many cells, half of each population, in the first array (minutes); an "
         "interrupted check goes on where it stopped",

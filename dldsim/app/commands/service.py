@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from dldsim.app.commands.options import add_command
+from dldsim.app.commands.options import add_command, whole
 from dldsim.app.commands.output import Display
 from dldsim.app.commands.settings import given_by
 
@@ -54,16 +54,18 @@ def add_serve(commands) -> None:
         help="folder of queue and results; default: dldsim-web in ~/.local/state",
     )
     parser.add_argument("--host", metavar="ADDRESS", help="default 127.0.0.1")
-    parser.add_argument("--port", type=int, metavar="N", help="of the API; default 8000")
+    parser.add_argument("--port", type=whole, metavar="N", help="of the API; default 8000")
     parser.add_argument(
-        "--page-port", type=int, default=8501, metavar="N", help="default %(default)s"
+        "--page-port", type=whole, default=8501, metavar="N", help="default %(default)s"
     )
     parser.add_argument(
         "--api",
         metavar="URL",
         help="API that a page alone asks; default DLDSIM_WEB_API, or http://127.0.0.1:8000",
     )
-    parser.add_argument("--workers", type=int, metavar="N", help="processes that search; default 1")
     parser.add_argument(
-        "--verify-workers", type=int, metavar="N", help="processes that simulate; default 1"
+        "--workers", type=whole, metavar="N", help="processes that search; default 1"
+    )
+    parser.add_argument(
+        "--verify-workers", type=whole, metavar="N", help="processes that simulate; default 1"
     )
