@@ -231,3 +231,40 @@ def test_seed_and_default_assay_of_the_configuration_are_honoured(capsys, campai
 def test_an_unknown_assay_is_refused_even_where_nothing_is_read_by_it(capsys, campaign, cells):
     code, _, message = outcome(capsys, campaign, *ARRAY, *cells, *FEW, "--assay", "nonsense")
     assert code == 2 and "no assay 'nonsense'" in message
+
+
+@pytest.mark.parametrize(
+    ("column", "options"),
+    [
+        ("deformation_index", ["--di1", 0.1]),
+        ("deformation_index", ["--set1", "3"]),
+        ("deformation_index", ["--ks1", 5]),
+        ("deformation_index", ["--di1-std", 0.1]),
+        ("deformation_index", ["--ks1-cv", 0.1]),
+        ("deformation_index", ["--rigid1", "--shape1", "sphere"]),
+        ("ks_uN_per_m", ["--set1", "3"]),
+        ("ks_uN_per_m", ["--ks1-cv", 0.1]),
+        ("", ["--r1", 5]),
+        ("", ["--r1-std", 1]),
+        ("", ["--r1-cv", 0.1]),
+        ("", ["--radius-distribution", "lognormal"]),
+    ],
+)
+def test_options_that_measured_cells_make_idle_are_refused(capsys, tmp_path, column, options):
+    table = tmp_path / "a.csv"
+    value = {"deformation_index": ",0.08", "ks_uN_per_m": ",9"}.get(column, "")
+    table.write_text(f"radius_um{',' * bool(column)}{column}\n7.4{value}\n7.5{value}\n")
+    cells = ["--set2", "3", "--r2", 8, *([] if column else ["--set1", "3"])]
+    words = ["outcome", *ARRAY, *cells, *FEW, "--population1", table]
+    code, _, message = call(capsys, *words, *options)
+    assert code == 2 and f"{options[0]} would change nothing" in message and "a.csv" in message
+
+
+def test_options_over_a_design_may_be_measured_cells(capsys, campaign, designed, tmp_path):
+    """What the file of a design says of its cells is not said beside them."""
+    (tmp_path / "a.csv").write_text("radius_um\n5.4\n5.6\n")
+    words = ["--design", designed[0] / "files/request-candidate-1.json", *FEW]
+    words += ["--population1", tmp_path / "a.csv", "--r2-cv", 0.05]
+    words += ["--radius-distribution", "lognormal"]  # of type 2
+    code, summary, _ = outcome(capsys, campaign, *words)
+    assert code == 0 and summary["request"]["radius_1_um"] == pytest.approx(5.5)

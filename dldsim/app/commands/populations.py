@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from dldsim.app.commands.options import add_option, number
+from dldsim.app.commands.options import add_option, number, option_of
 from dldsim.app.commands.settings import given_by
 from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
 from dldsim.errors import DldsimError
@@ -16,6 +16,19 @@ ONE_OF = (
     ("deformation_index_std_{}", "ks_cv_{}"),
 )
 """Fields of a cell type of which one excludes the others."""
+OPTIONS = {
+    "shape_{}": "--shape{}",
+    "deformation_index_{}": "--di{}",
+    "stiffness_set_{}": "--set{}",
+    "ks_{}_uN_per_m": "--ks{}",
+    "rigid_{}": "--rigid{}",
+    "deformation_index_std_{}": "--di{}-std",
+    "radius_{}_um": "--r{}",
+    "radius_std_{}_um": "--r{}-std",
+    "radius_cv_{}": "--r{}-cv",
+    "ks_cv_{}": "--ks{}-cv",
+}
+"""Options of a cell type by the field that they set."""
 
 
 def add_populations(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +79,7 @@ def add_populations(parser: argparse.ArgumentParser) -> None:
             type=Path,
             metavar="CSV",
             help=f"measured cells of type {i}: columns radius_um and, where it was measured, "
-            "deformation_index or ks_uN_per_m; instead of radius, index and their spread",
+            "deformation_index or ks_uN_per_m; instead of the options for these and their spread",
         )
     add_option(parser, DesignRequest, "radius_distribution")
     add_option(parser, DesignRequest, "concentration_ratio")
@@ -75,13 +88,22 @@ def add_populations(parser: argparse.ArgumentParser) -> None:
     add_option(parser, DesignRequest, "height_um", "--height")
 
 
+def _option(key: str) -> str:
+    """The option that sets a field of a cell type."""
+    for field, option in OPTIONS.items():
+        for i in "12":
+            if key == field.format(i):
+                return option.format(i)
+    return option_of(key)
+
+
 def request_of(
     args: argparse.Namespace, base: Mapping[str, Any] | None = None, without: Collection[str] = ()
 ) -> tuple[dict[str, Any], tuple]:
     """Fields of a request, and measured cells of both types: the command line over ``base``, then
     mean and scatter of the measured cells over both. ``without``: options that mean something
     else. Raises DldsimError if nothing is said of how deformable a cell type is."""
-    from dldsim.app.asked import with_measured
+    from dldsim.app.asked import check_measured, with_measured
     from dldsim.design.measured_cells import read_measured
 
     given = given_by(DesignRequest, args)
@@ -94,6 +116,7 @@ def request_of(
                 values = {key: value for key, value in values.items() if key not in keys}
     paths = [getattr(args, f"population{i}") for i in "12"]
     measured = tuple(None if path is None else read_measured(path) for path in paths)
+    check_measured(given, measured, values, _option)
     values = with_measured(values | given, measured)
     for i in "12":
         said = [values.get(key.format(i)) for key in DEFORMABILITIES]

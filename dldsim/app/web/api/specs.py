@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
-from dldsim.app.asked import Both, with_measured
+from dldsim.app.asked import Both, check_measured, with_measured
 from dldsim.app.web.api.ranges import LARGEST, in_range, no_flags
 from dldsim.config.design_sections import DesignRequest, Spring, check_cell_type
 from dldsim.config.sections import Fraction, Name, Section, Shape, Unfit
@@ -34,8 +34,8 @@ def _measured_csv(i: int) -> Any:
         strict=True,
         max_length=CSV_LENGTH,
         description=f"measured cells of type {i}, the text of a CSV table with a column radius_um "
-        "and, where it was measured, deformation_index or ks_uN_per_m; their mean and spread take "
-        "the place of what the other fields say",
+        "and, where it was measured, deformation_index or ks_uN_per_m; mean and spread follow from "
+        "them, and another one beside them is refused",
     )
 
 
@@ -51,9 +51,14 @@ class MeasuredCells(Section):
         if not isinstance(values, dict):
             return values
         try:
-            return with_measured(values, _read_both(values))
+            measured = _read_both(values)
         except DldsimError as error:
             raise Unfit(str(error), _csv_at_fault(values)) from error
+        try:
+            check_measured(values, measured)
+        except DldsimError as error:
+            raise Unfit(str(error), *error.keys) from error
+        return with_measured(values, measured)
 
     @property
     def measured(self) -> Both:

@@ -32,6 +32,8 @@ KEPT = (
     "ks_cv_{}",
     "population_{}_csv",
 )
+TOLD = ("deformation_index", "ks_un_per_m")
+"""Columns of measured cells that tell how deformable they are."""
 SHARED = ("assay", "velocity_mm_s", "height_um", "concentration_ratio", "radius_distribution")
 
 Fields = Mapping[str, field_limits.FieldLimit]
@@ -78,8 +80,13 @@ def _cell(
         "Shape at rest", shapes, key=f"form:shape_{i}", format_func=SHAPES.get, horizontal=True
     )
     at_field(place, f"shape_{i}")
-    found |= _deformability(place, i, info, fields, assay, shape)
     table = state.get(f"form:population_{i}_csv")
+    told = table is not None and any(name in table.lower() for name in TOLD)
+    if told:
+        st.caption("Deformability: of the measured cells below.")
+        at_field(place, *(key.format(i) for key in FIELD.values()))
+    else:
+        found |= _deformability(place, i, info, fields, assay, shape)
     if table is None:
         left, right = st.columns(2)
         with left:
@@ -109,7 +116,7 @@ def _cell(
             at_field(place, name, f"radius_cv_{i}")
     with st.expander("More: measured cells", expanded=table is not None):
         found |= _table(place, i, table)
-        if (by := state[f"form:by_{i}"]) in (BY_SET, BY_SPRING):
+        if not told and (by := state[f"form:by_{i}"]) in (BY_SET, BY_SPRING):
             name = f"ks_cv_{i}"
             if found.get(f"deformation_index_std_{i}") is None:
                 found[name] = number(

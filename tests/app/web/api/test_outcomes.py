@@ -72,10 +72,10 @@ def test_device_and_mixture_are_those_of_the_request(client):
 
 
 def test_measured_cells_take_the_place_of_mean_and_spread(client):
-    found = ask(client, population_1_csv=TABLE, radius_1_um=20).json()
+    found = ask(client, population_1_csv=TABLE).json()
     assert found["request"]["radius_1_um"] == pytest.approx(7.1)
     assert found["request"]["radius_std_1_um"] == pytest.approx(0.2)
-    named = ask(client, population_2_csv=WITH_INDEX).json()
+    named = ask(client, population_2_csv=WITH_INDEX, stiffness_set_2=None).json()
     assert named["request"]["stiffness_set_2"] is None
     assert named["request"]["deformation_index_2"] == pytest.approx(0.6)
 
@@ -101,14 +101,25 @@ def test_a_request_with_measured_cells_survives_the_queue():
             "per cent",
         ),
         (
-            {"population_2_csv": "radius_um,deformation_index\n7.5,0.1\n7.5,0.2\n"},
+            {
+                "population_2_csv": "radius_um,deformation_index\n7.5,0.1\n7.5,0.2\n",
+                "stiffness_set_2": None,
+            },
             "deformation_index_2",
             "0.5 to 0.78",
         ),
         (
-            {"population_2_csv": WITH_INDEX.replace("0.58", "0.45")},
+            {"population_2_csv": WITH_INDEX.replace("0.58", "0.45"), "stiffness_set_2": None},
             "population_2_csv",
             "outside the calibration",
+        ),
+        ({"population_1_csv": TABLE, "radius_1_um": 20}, "radius_1_um", "change nothing"),
+        ({"population_1_csv": TABLE, "radius_cv_1": 0.1}, "radius_cv_1", "change nothing"),
+        ({"population_2_csv": WITH_INDEX}, "stiffness_set_2", "change nothing"),
+        (
+            {"population_1_csv": TABLE, "radius_distribution": "lognormal"},
+            "radius_distribution",
+            "radii as they are",
         ),
         ({"population_1_csv": 5}, "population_1_csv", "text"),
         ({"population_1_csv": "x" * 100_001}, "population_1_csv", "text"),

@@ -236,6 +236,18 @@ def test_measured_cells_are_sent_as_they_are_and_can_be_removed(service):
     assert "measured cells" not in texts(sound(page))
 
 
+def test_measured_indices_are_not_asked_for_once_more(service):
+    table = "radius_um,deformation_index\n6.0,0.6\n6.5,0.7\n"
+    page = opened()
+    page.session_state["form:population_1_csv"] = table
+    page = sound(page.run())
+    assert "of the measured cells" in texts(page)
+    button(page, "Search for designs").click().run()
+    given = json.loads(sent(service, "POST", "/designs")[0].content)
+    assert not {"deformation_index_1", "stiffness_set_1", "ks_cv_1", "radius_1_um"} & given.keys()
+    assert specs.DesignSpec(**given).deformation_index_1 == pytest.approx(0.65)
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 def test_tables_of_spreadsheets_become_text(encoding):
     from dldsim.app.web.ui.cells_form import text_of
