@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from dldsim.config.assay_sections import CIRCULARITY
 from dldsim.config.explain import did_you_mean
 from dldsim.errors import DldsimError
 from dldsim.tables.user_values import PLAUSIBLE, as_keys, as_numbers, check_plausible
@@ -210,7 +211,6 @@ def _of_cell(
     rows: pd.DataFrame, assay: str, shape: str | None, radius_um: float | None
 ) -> pd.DataFrame:
     """Rows of one cell, between calibrated radii by linear interpolation."""
-    remedy = f"Measure it: python -m dldsim calibrate --assay {assay} --shape … --radius …"
     shapes = list(dict.fromkeys(rows["cell_shape"]))
     if shape is None and len(shapes) == 1:
         shape = shapes[0]
@@ -221,7 +221,7 @@ def _of_cell(
             key="shape",
             value=shape,
             allowed=", ".join(shapes),
-            remedy=remedy if shape else "",
+            remedy="" if shape is None else remedy_for_cell(assay, shape, radius_um or 7.5),
         )
     rows = rows[rows["cell_shape"] == shape]
     radii = np.unique(rows["cell_radius_um"].to_numpy(float))
@@ -229,13 +229,18 @@ def _of_cell(
         radius_um = radii[0]
     if radius_um is None or not radii[0] <= radius_um <= radii[-1]:
         allowed = " to ".join(dict.fromkeys(f"{r:g}" for r in (radii[0], radii[-1]))) + " µm"
+        known = radius_um is not None and radius_um > 0
         raise DldsimError(
             f"Assay {assay} is calibrated for {shape} cells of radius {allowed}"
-            + (f", not {radius_um:g} µm." if radius_um else ": name the radius of the cell."),
+            + (
+                ": name the radius of the cell."
+                if radius_um is None
+                else f", not {radius_um:g} µm."
+            ),
             key="radius_um",
             value=radius_um,
             allowed=allowed,
-            remedy=remedy if radius_um else "",
+            remedy=remedy_for_cell(assay, shape, radius_um) if known else "",
         )
     below, above = radii[radii <= radius_um][-1], radii[radii >= radius_um][0]
     small, large = (
@@ -250,6 +255,13 @@ def _of_cell(
     for name in (DEFORMATION, "deformation_index_std"):
         mixed[name] = (1 - share) * small.loc[common, name] + share * large.loc[common, name]
     return mixed.reset_index()
+
+
+def remedy_for_cell(assay: str, shape: str, *radii_um: float) -> str:
+    """The command that calibrates an assay for other cells."""
+    radii = " ".join(f"{radius:g}" for radius in radii_um)
+    name = assay.removesuffix(CIRCULARITY)
+    return f"Measure it: python -m dldsim calibrate --assay {name} --shape {shape} --radius {radii}"
 
 
 def _as_calibration(table: pd.DataFrame) -> pd.DataFrame:

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from dldsim.analysis.calibration import remedy_for_cell
 from dldsim.config.design_sections import DesignRequest
-from dldsim.design.deformability import index_range, ks_of_index
+from dldsim.design.deformability import default_assay, index_range, ks_of_index, radius_range
 from dldsim.design.draws import Scatter, check_scatter
 from dldsim.design.measured_cells import INDEX, Measured
 from dldsim.design.populations import Population
@@ -16,7 +17,8 @@ from dldsim.errors import DldsimError
 RADII, CURVE = 5, 33
 """Radii, and indices for each, at which the calibration is inverted."""
 BEYOND_MAX = 0.2
-"""Share of measured indices that may lie beyond the calibration; they are taken at its edge."""
+"""Share of measured cells whose index or radius may lie beyond the calibration; they are taken at
+its edge."""
 
 
 class CellSource(NamedTuple):
@@ -80,8 +82,8 @@ def make_sources(
 ) -> tuple[CellSource, CellSource]:
     """Both cell types with their scatter; measured cells where they are given.
 
-    Raises DldsimError for a scatter that makes radii negative, and measured indices that the
-    calibration does not reach.
+    Raises DldsimError for a scatter that makes radii negative, where cells were not measured, and
+    for measured cells that the calibration does not reach.
     """
     found = []
     for i, (population, cells) in enumerate(zip(populations, measured, strict=True), start=1):
@@ -90,7 +92,8 @@ def make_sources(
         key = f"radius_std_{i}_um" if cv is None else f"radius_cv_{i}"
         std = std if cv is None else cv * population.radius_um
         radius = Scatter(population.radius_um, std, request.radius_distribution)
-        check_scatter(radius, key, "µm")
+        if cells is None:
+            check_scatter(radius, key, "µm")
         ks: np.ndarray | None = None
         notes: tuple[str, ...] = ()
         if cells is not None:
@@ -106,32 +109,40 @@ def _stiffness_of(
 ) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """Spring constants of measured cells, None where only radii were measured, and notes.
 
-    Each cell has the k_s of its index at its radius: the calibration is inverted at RADII radii and
-    CURVE indices, between which ln k_s is linear.
+    Each cell has the k_s of its index at its radius, or at the calibrated radius next to it: the
+    calibration is inverted at RADII radii and CURVE indices, between which ln k_s is linear.
     """
     notes = tuple(f"{cells.source}: {note}" for note in cells.notes)
     if cells.deformation_index is None:
         return cells.ks_uN_per_m, notes
-    index, radius = cells.deformation_index, cells.radius_um
+    index = cells.deformation_index
+    least, most = radius_range(shape, calibration, assay)
+    radius = np.clip(cells.radius_um, least, most)
+    off_radius = radius != cells.radius_um
     nodes = np.unique(np.linspace(radius.min(), radius.max(), RADII))
     ranges = np.array([index_range(shape, float(r), calibration, assay) for r in nodes])
     low, high = (np.interp(radius, nodes, ends) for ends in ranges.T)
-    beyond = float(((index < low) | (index > high)).mean())
+    off_index = (index < low) | (index > high)
+    beyond = float((off_radius | off_index).mean())
     if beyond > BEYOND_MAX:
         allowed = f"{low.min():.4g} to {high.max():.4g}"
+        radii = f"radii of {least:g} to {most:g} µm, " if off_radius.any() else ""
         raise DldsimError(
-            f"{cells.source}: {beyond:.0%} of the measured indices are outside the calibration, "
-            f"{allowed} for cells of these radii.",
+            f"{cells.source}: {beyond:.0%} of the measured cells are outside the calibration, "
+            f"{radii}indices of {allowed} for cells of these radii.",
             key=(INDEX, cells.source),
             value=beyond,
-            allowed=f"{allowed}, for at least {1 - BEYOND_MAX:.0%} of the cells",
-            remedy="Name the assay by which they were measured, or another sample.",
+            allowed=f"{radii}{allowed}, for at least {1 - BEYOND_MAX:.0%} of the cells",
+            remedy=_measure(cells, shape, assay, calibration, off_radius)
+            if off_radius.mean() > off_index.mean()
+            else "Name the assay by which they were measured, or another sample.",
         )
-    if beyond:
-        notes += (
-            f"{cells.source}: {beyond:.1%} of the indices are beyond the calibration and taken at "
-            "its edge",
-        )
+    for what, off in (("indices", off_index), ("radii", off_radius)):
+        if off.any():
+            notes += (
+                f"{cells.source}: {off.mean():.1%} of the {what} are beyond the calibration and "
+                "taken at its edge",
+            )
     curves = []
     for node, ends in zip(nodes, ranges, strict=True):
         first, last = np.clip([index.min(), index.max()], ends[0], ends[1])
@@ -155,3 +166,15 @@ def _stiffness_of(
     part, at = place - below, np.arange(len(index))
     table = np.array(curves)
     return np.exp((1 - part) * table[below, at] + part * table[above, at]), notes
+
+
+def _measure(
+    cells: Measured,
+    shape: str,
+    assay: str | None,
+    calibration: pd.DataFrame | None,
+    off: np.ndarray,
+) -> str:
+    """How to measure an assay at the radii of cells that it is not calibrated for."""
+    ends = np.unique([cells.radius_um[off].min(), cells.radius_um[off].max()])
+    return remedy_for_cell(assay or default_assay(calibration), shape, *map(float, ends))

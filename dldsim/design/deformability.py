@@ -80,6 +80,25 @@ def seen_at(
     return Seen(by, kind, float(np.interp(ks_uN_per_m, ks, values)))
 
 
+def default_assay(calibration: pd.DataFrame | None) -> str:
+    """The assay by which a calibration is read unless another one is named; "" without one."""
+    return "" if calibration is None else str(default_curves(calibration)["assay"].iloc[0])
+
+
+def radius_range(
+    shape: str, calibration: pd.DataFrame | None, assay: str | None = None
+) -> tuple[float, float]:
+    """Least and largest radius [µm] of such cells that an assay is calibrated for; 0 and infinity
+    where it holds for any cell, or there is none to tell."""
+    if calibration is not None and "cell_shape" in calibration:
+        by = assay or default_assay(calibration)
+        rows = calibration[(calibration["assay"] == by) & (calibration["cell_shape"] == shape)]
+        radii = rows["cell_radius_um"].dropna()
+        if len(radii):
+            return float(radii.min()), float(radii.max())
+    return 0.0, float("inf")
+
+
 def index_range(
     shape: str, radius_um: float, calibration: pd.DataFrame | None, assay: str | None = None
 ) -> tuple[float, float]:

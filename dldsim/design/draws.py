@@ -105,7 +105,7 @@ class Stream(NamedTuple):
                 key="device.sample_width_um",
                 value=self.width_um,
                 allowed=f"more than {2 * radius_um.max():.3g} µm",
-                remedy="Widen the sample stream.",
+                remedy="Widen the sample stream, or leave out larger cells.",
             )
         nearest = flux_beside(radius_um, self.width_um, self.height_um)
         flux = nearest + level * (1 - 2 * nearest)

@@ -413,3 +413,22 @@ def test_transition_answers_and_draws(capsys, tmp_path):
     (tmp_path / "folder").mkdir()
     code, _, told = call(capsys, "transition", "--figure", tmp_path / "folder")
     assert code == 2 and "--figure" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "cell"),
+    [
+        ([], ("biconcave", 7.5)),
+        (["--radius", 6.7], ("biconcave", 6.7)),
+        (["--shape", "sphere"], ("sphere", 7.5)),
+        (["--shape", "sphere", "--radius", 7], ("sphere", 7)),
+    ],
+)
+def test_the_cell_of_a_stiffness_is_by_default_the_campaigns(capsys, words, cell):
+    code, summary, _ = call(capsys, "stiffness", "--di", 0.08, *words)
+    assert code == 0 and (summary["cell_shape"], summary["cell_radius_um"]) == cell
+
+
+def test_a_radius_of_nothing_is_a_radius(capsys):
+    code, _, message = call(capsys, "stiffness", "--di", 0.08, "--radius", 0)
+    assert code == 2 and "of radius 6 to 9 µm, not 0 µm" in message

@@ -13,6 +13,7 @@ from dldsim.app.design_answers import resolve_by
 from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.design.finished_campaign import packaged_campaign, read_campaign
 from dldsim.design.measured_cells import read_measured
+from dldsim.errors import DldsimError
 from dldsim.tables.parquet import read_rows
 from tests.app.test_cli import call
 
@@ -268,3 +269,43 @@ def test_options_over_a_design_may_be_measured_cells(capsys, campaign, designed,
     words += ["--radius-distribution", "lognormal"]  # of type 2
     code, summary, _ = outcome(capsys, campaign, *words)
     assert code == 0 and summary["request"]["radius_1_um"] == pytest.approx(5.5)
+
+
+def by_index(table: str, shape: str = "biconcave"):
+    known = read_campaign(packaged_campaign(), Device(), 1.0)
+    cells = read_measured(table.encode(), "a.csv"), None
+    said = {"stiffness_set_2": "3", "shape_1": shape}
+    request = DesignRequest(name="a", **with_measured(said, cells))
+    return ask(request, resolve_by(known, request), known.tables, cells)
+
+
+def test_some_measured_cells_may_be_beyond_the_calibrated_radii():
+    """The library of the packaged campaign reaches from 6 to 9 µm."""
+    rows = ["6.0,0.08", "6.2,0.08", "6.4,0.08", "6.6,0.08", "6.8,0.08"]
+    head = "radius_um,deformation_index\n"
+    asked = by_index(head + "\n".join([*rows, "5.7,0.08"]))
+    ks = asked.sources[0].measured_ks
+    assert ks is not None and ks[0] == ks[1] < ks[2]  # as the smallest that is calibrated
+    assert any("16.7% of the radii are beyond" in note for note in asked.notes)
+    assert asked.sources[0].measured.radius_um[0] == 5.7
+    with pytest.raises(DldsimError) as caught:
+        by_index(head + "\n".join([*rows, "5.7,0.08", "5.66,0.08"]))
+    told = "29% of the measured cells are outside the calibration, radii of 6 to 9 µm"
+    assert told in str(caught.value) and "…" not in str(caught.value)
+    command = "dldsim calibrate --assay gauge --shape biconcave --radius 5.66 5.7"
+    assert command in str(caught.value)
+
+
+def test_a_cell_that_is_not_calibrated_has_a_command_that_measures_it():
+    with pytest.raises(DldsimError, match=r"--assay gauge --shape sphere --radius 5\.5$"):
+        by_index("radius_um,deformation_index\n5.4,0.08\n5.6,0.08\n", "sphere")
+
+
+def test_measured_cells_need_no_distribution(capsys, campaign, tmp_path):
+    """Of a normal distribution of their spread a part would be negative."""
+    radii = [2.0] * 30 + [25.0]
+    (tmp_path / "a.csv").write_text("radius_um\n" + "\n".join(map(str, radii)))
+    words = [*ARRAY, "--set1", "1", "--set2", "3", "--r2", 8, *FEW]
+    code, summary, message = outcome(capsys, campaign, *words, "--population1", tmp_path / "a.csv")
+    assert code == 0, message
+    assert summary["request"]["radius_std_1_um"] > 2

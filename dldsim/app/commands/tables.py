@@ -4,6 +4,7 @@ import argparse
 import math
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from dldsim.app.commands.options import add_command, number, seed
 from dldsim.app.commands.output import check_writable, frame_lines, in_columns, listing, records
@@ -53,19 +54,26 @@ def stiffness(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     from dldsim.tables.parquet import read_table
     from dldsim.tables.user_table import read_user_table
 
+    shape, radius_um = args.shape, args.radius
     if args.calibration:
         table = read_user_table(args.calibration).frame
     else:
         folder = args.results or packaged_campaign()
         table = read_table("calibration", folder / "calibration.parquet")
         library = folder / "calibration_library.parquet"
-        if (args.shape or args.radius) and library.exists():
+        own = table[table["cell_shape"] != ""]
+        if (shape, radius_um) != (None, None) and library.exists():
             table = with_library([table, read_table("calibration_library", library)])
-    found = stiffness_for(
-        args.di, table, args.error, args.assay, shape=args.shape, radius_um=args.radius
-    )
+        shape = _only(own["cell_shape"]) if shape is None else shape
+        radius_um = _only(own["cell_radius_um"]) if radius_um is None else radius_um
+    found = stiffness_for(args.di, table, args.error, args.assay, shape=shape, radius_um=radius_um)
     summary = {"deformation_index": args.di, "error": args.error} | found
     return summary, listing(summary)
+
+
+def _only(values) -> Any:
+    """The one value of a column, None where there are none or several."""
+    return values.iloc[0] if values.nunique() == 1 else None
 
 
 def transition(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
