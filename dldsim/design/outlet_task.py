@@ -17,6 +17,9 @@ from dldsim.design.side_walls import FEWEST_LANES
 from dldsim.errors import DldsimError
 
 OBJECTIVE = "purity-recovery"
+SHORT = "array must hold a period"
+NARROW = "array must hold three pillars side by side"
+"""Constraints on the device."""
 SEARCH_DRAWS, SEARCH_CELLS, SEARCH_CUTS = 32, 64, 61
 """Draws of the array, cells of each type in each, and places of the wall, while many arrays are
 compared; a candidate then has those of its request."""
@@ -67,10 +70,8 @@ class OutletTask:
         pitch = 2 * np.asarray(radius) + gap
         needed = FEWEST_LANES * pitch + gap
         return {
-            "array must hold a period": periodicity * pitch
-            - 1e3 * self.length_mm(radius, gap, periodicity),
-            "array must hold three pillars side by side": needed
-            - 1e3 * self.chip.device.array_width_mm,
+            SHORT: periodicity * pitch - 1e3 * self.length_mm(radius, gap, periodicity),
+            NARROW: needed - 1e3 * self.chip.device.array_width_mm,
         }
 
     def device(self, geometry: Geometry) -> Device:
@@ -131,4 +132,19 @@ class OutletTask:
                 value=least,
                 allowed=f"up to {chip.sample_uL_per_h:.3g} µL/h",
                 remedy="Widen device.sample_width_um, or raise velocity_mm_s or height_um.",
+            )
+        if request.objective != OBJECTIVE:
+            return
+        smallest = 2 * request.pillar_radius_um[0] + request.gap_um[0]
+        needed = request.periodicity[0] * smallest / 1e3
+        footprint, width = request.footprint_max_mm2, chip.device.array_width_mm
+        if footprint is not None and footprint / width < needed <= chip.device.array_length_mm:
+            raise DldsimError(
+                f"design request {request.name}: footprint_max_mm2 = {footprint:g} leaves an array "
+                f"{width:g} mm wide {footprint / width:.3g} mm of length, less than a period of "
+                f"the smallest pitch within the bounds, {needed:.3g} mm.",
+                key="footprint_max_mm2",
+                value=footprint,
+                allowed=f"{needed * width:.3g} mm² or more",
+                remedy="Raise footprint_max_mm2, or lower device.array_width_mm.",
             )

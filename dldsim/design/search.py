@@ -5,6 +5,7 @@ Nothing here is simulated: a candidate is the surrogate's prediction, with the s
 """
 
 import warnings
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +26,7 @@ from dldsim.design.chip import Chip
 from dldsim.design.motion import UNKNOWN, History
 from dldsim.design.neighbourhood import slices, tolerances
 from dldsim.design.populations import Population, rows_of
-from dldsim.design.task import DECIMALS, NONE_BETTER, Task, check
+from dldsim.design.task import DECIMALS, NONE_BETTER, Task, check, mend
 from dldsim.vocabulary import GEOMETRY
 
 Each = Callable[[Mapping[str, Any]], None]
@@ -103,13 +104,15 @@ def search(
         importance = _importance(study)
     feasible = trials[trials["feasible"]]
     if feasible.empty:
+        broken = _broken(trials)
+        keys, how = mend(broken, request)
         raise DldsimError(
             f"design request {request.name}: none of {len(trials)} trials is feasible "
-            f"({', '.join(sorted(set(trials['reason'])))}).",
-            key=("gap_um", "pillar_radius_um", "trials"),
-            value=(request.gap_um, request.pillar_radius_um, request.trials),
+            f"({', '.join(broken)}).",
+            key=[*keys, "trials"],
+            value=tuple(getattr(request, key) for key in [*keys, "trials"]),
             allowed="bounds and trials that meet a feasible geometry",
-            remedy="Widen gap_um upwards or pillar_radius_um downwards, or raise trials.",
+            remedy=f"{how} Or raise trials.",
         )
     designs = make_candidates(task, feasible)
     return Found(
@@ -120,6 +123,14 @@ def search(
         importance.assign(request=request.name),
         slices(task, designs.iloc[0]),
     )
+
+
+def _broken(trials: pd.DataFrame) -> list[str]:
+    """The constraints that all trials violate; where there are none, all that one does, the most
+    frequent first."""
+    counts = Counter(text for reason in trials["reason"] for text in reason.split("; "))
+    always = [text for text, count in counts.items() if count == len(trials)]
+    return always or [text for text, _ in counts.most_common()]
 
 
 def _try(

@@ -1,6 +1,7 @@
 """One request on one surrogate: predictions, objective, constraints, and refusals."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -14,8 +15,8 @@ from dldsim.design.cell_source import CellSource, make_sources
 from dldsim.design.chip import Chip
 from dldsim.design.draws import sobol
 from dldsim.design.motion import UNKNOWN, History
+from dldsim.design.outlet_task import NARROW, SHORT, OutletTask
 from dldsim.design.outlet_task import OBJECTIVE as OUTLETS
-from dldsim.design.outlet_task import OutletTask
 from dldsim.design.populations import Population
 from dldsim.errors import DldsimError
 from dldsim.vocabulary import GEOMETRY
@@ -40,6 +41,30 @@ TINY = 1e-9
 """Turns the strict P_g > P_r + d_safety into a constraint that may be zero [µm]."""
 NONE_BETTER = 1e3
 """Stands for an infinite violation, which samplers cannot compare."""
+CLOSE = "gap must exceed pillar radius + safety distance"
+TIGHT = "gap must pass the squeezed cells"
+SLENDER = "pillars must not be too slender"
+PRESSED = "pressure drop must stay below its limit"
+MENDS = {
+    CLOSE: (
+        ("gap_um", "pillar_radius_um"),
+        "raise the upper bound of gap_um or lower the lower one of pillar_radius_um",
+    ),
+    TIGHT: (("gap_um",), "raise the upper bound of gap_um"),
+    SLENDER: (
+        ("pillar_aspect_ratio_max", "pillar_radius_um"),
+        "raise pillar_aspect_ratio_max or the upper bound of pillar_radius_um, or lower height_um",
+    ),
+    PRESSED: (
+        ("pressure_max_kPa",),
+        "raise pressure_max_kPa or the upper bound of gap_um, or lower velocity_mm_s",
+    ),
+    NARROW: (
+        ("gap_um", "pillar_radius_um"),
+        "widen device.array_width_mm or lower the lower bounds of gap_um and pillar_radius_um",
+    ),
+}
+"""Settings that violate each constraint, and how to meet it."""
 
 
 class Task:
@@ -207,7 +232,7 @@ class Task:
         elif most is not None:
             length = self.length_mm(*self.angles(radius, gap, periodicity))
             excess = self.pressure_kPa(radius, gap, periodicity, length) / most - 1
-            found["pressure drop must stay below its limit"] = np.minimum(excess, NONE_BETTER)
+            found[PRESSED] = np.minimum(excess, NONE_BETTER)
         return found
 
     def outside(self, radius, gap, periodicity) -> np.ndarray:
@@ -255,13 +280,9 @@ def violations(
 ) -> dict[str, Any]:
     """Geometric constraints; above zero is violated, by so many µm (aspect ratio: by so much)."""
     return {
-        "gap must exceed pillar radius + safety distance": pillar_radius_um
-        + chip.safety_distance_um
-        + TINY
-        - gap_um,
-        "gap must pass the squeezed cells": max(p.width_um for p in populations) - gap_um,
-        "pillars must not be too slender": chip.flow.height_um / (2 * pillar_radius_um)
-        - request.pillar_aspect_ratio_max,
+        CLOSE: pillar_radius_um + chip.safety_distance_um + TINY - gap_um,
+        TIGHT: max(p.width_um for p in populations) - gap_um,
+        SLENDER: chip.flow.height_um / (2 * pillar_radius_um) - request.pillar_aspect_ratio_max,
     }
 
 
@@ -296,7 +317,8 @@ def check_cell(name: str, population: Population, surrogate: Surrogate) -> None:
         )
     low, high = surrogate.domains[shape].capillary_number
     capillary, slack = population.capillary_number, (high / low) ** DOMAIN_TOLERANCE * (1 + 1e-6)
-    if not low / slack <= capillary <= high * slack:
+    least, most = low / slack, high * slack  # as much beyond as counts as inside
+    if not least <= capillary <= most:
         ks, flow = population.stiffness.ks_uN_per_m, population.flow
         each = capillary / flow.mean_velocity_mm_s
         raise DldsimError(
@@ -305,10 +327,19 @@ def check_cell(name: str, population: Population, surrogate: Surrogate) -> None:
             f"{high:.3g}.",
             key=(population.key, "velocity_mm_s"),
             value=capillary,
-            allowed=f"Ca {low:.3g} to {high:.3g}",
-            remedy=f"At this stiffness, velocities of {low / each:.3g} to {high / each:.3g} mm/s "
-            "are known" + (", and rigid cells" if shape == "sphere" else "") + ".",
+            allowed=f"Ca {inwards(least, up=True)} to {inwards(most)}",
+            remedy="At this stiffness, velocities of "
+            f"{inwards(least / each, up=True)} to {inwards(most / each)} mm/s are answered"
+            + (", and rigid cells" if shape == "sphere" else "")
+            + ".",
         )
+
+
+def inwards(bound: float, up: bool = False) -> str:
+    """A bound in three digits that does not lie beyond it."""
+    shift = 10.0 ** (2 - math.floor(math.log10(bound)))
+    rounded = (math.ceil if up else math.floor)(bound * shift) / shift
+    return f"{rounded:.3g}"
 
 
 def check_cells(
@@ -351,10 +382,10 @@ def check(task: Task) -> None:
         raise DldsimError(
             f"{name}: no geometry within the bounds is feasible. Even at pillar_radius_um = "
             f"{thinnest:g} and gap_um = {widest:g}: {texts}.",
-            key=("gap_um", "pillar_radius_um"),
-            value=(request.gap_um, request.pillar_radius_um),
+            key=(keys := mend(broken, request)[0]),
+            value=tuple(getattr(request, key) for key in keys),
             allowed="bounds that hold a feasible geometry",
-            remedy="Raise the upper bound of gap_um or widen the bounds of pillar_radius_um.",
+            remedy=mend(broken, request)[1],
         )
     if request.pressure_max_kPa is not None and chip.resistance is None:
         raise DldsimError(
@@ -366,6 +397,25 @@ def check(task: Task) -> None:
             allowed="none, without these flows",
             remedy="Leave the limit out.",
         )
+
+
+def mend(broken: Iterable[str], request: DesignRequest) -> tuple[list[str], str]:
+    """The settings that these violated constraints come from, and a sentence on how to meet them.
+
+    What shortens an array is its own length, the footprint and the pressure.
+    """
+    shortens = [
+        name
+        for name in ("footprint_max_mm2", "pressure_max_kPa")
+        if getattr(request, name) is not None
+    ]
+    longer = " or ".join([*shortens, "device.array_length_mm"])
+    short = (*shortens, "periodicity"), f"raise {longer}, or lower periodicity, gap_um or "
+    mends = MENDS | {SHORT: (short[0], f"{short[1]}pillar_radius_um")}
+    found = [mends[text] for text in dict.fromkeys(broken)]
+    keys = list(dict.fromkeys(key for keys, _ in found for key in keys))
+    sentence = "; ".join(how for _, how in found)
+    return keys, f"{sentence[:1].upper()}{sentence[1:]}."
 
 
 def fixed(request: DesignRequest) -> set[str]:

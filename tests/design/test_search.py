@@ -1,5 +1,6 @@
 """Laws of the search: known optimum, constraints, ranking, tolerance, verdict."""
 
+import re
 from itertools import product
 
 import numpy as np
@@ -22,6 +23,8 @@ from tests.design.known_surrogate import (
     run,
     task_of,
 )
+
+OUTLETS = {"objective": "purity-recovery"}
 
 
 def test_search_finds_what_the_grid_finds():
@@ -129,9 +132,9 @@ def test_designs_inside_the_training_domain_come_first():
 @pytest.mark.parametrize(
     "changes, words",
     [
-        ({"ca_1": 0.2}, ["cell type 1", "Ca = μU/k_s = 0.2", "0.3 to 0.9", "0.75 to 2.25 mm/s"]),
+        ({"ca_1": 0.2}, ["cell type 1", "Ca = μU/k_s = 0.2", "0.3 to 0.9", "0.734 to 2.29 mm/s"]),
         ({"ca_2": 0.95}, ["cell type 2", "0.3 to 0.9"]),
-        ({"velocity_mm_s": 1.0}, ["Ca = μU/k_s = 1", "velocities of 0.3 to 0.9 mm/s"]),
+        ({"velocity_mm_s": 1.0}, ["Ca = μU/k_s = 1", "velocities of 0.294 to 0.919 mm/s"]),
         ({"shape_1": "sphere"}, ["shape_1 = sphere was not learnt", "biconcave"]),
         ({"ca_2": 0.5}, ["both cell types", "Change"]),
         ({"gap_um": (4, 6)}, ["no geometry", "safety", "gap_um"]),
@@ -143,6 +146,39 @@ def test_impossible_requests_are_refused(changes, words):
     with pytest.raises(DldsimError) as error:
         found(Known(hill), ask(**changes), seed=1, safety=2.0)
     assert all(word in str(error.value) for word in words)
+
+
+@pytest.mark.parametrize("ca_1", [0.2, 1.7])
+def test_the_velocities_that_a_refusal_names_are_answered(ca_1):
+    def search_at(velocity):
+        ca_2 = 0.6 * 0.5 / velocity  # of the second type Ca is 0.6 at any velocity
+        asked = ask(ca_1=ca_1, ca_2=ca_2, velocity_mm_s=velocity, trials=3)
+        found(Known(hill), asked, seed=1, safety=2.0)
+
+    with pytest.raises(DldsimError) as error:
+        search_at(0.5)
+    ends = re.search(r"velocities of (\S+) to (\S+) mm/s", str(error.value)).groups()
+    for end, beyond in zip(map(float, ends), (0.99, 1.01), strict=True):
+        search_at(end)
+        with pytest.raises(DldsimError, match="cell type 1 .* velocities"):
+            search_at(end * beyond)
+
+
+@pytest.mark.parametrize(
+    ("changes", "keys", "words"),
+    [
+        ({"pillar_aspect_ratio_max": 0.1}, "pillar_aspect_ratio_max", "Raise pillar_aspect"),
+        ({"gap_um": (4, 5)}, "gap_um", "Raise the upper bound of gap_um"),
+        (OUTLETS | {"footprint_max_mm2": 0.01}, "footprint_max_mm2", "Raise footprint_max_mm2"),
+        (OUTLETS | {"footprint_max_mm2": 0.16}, "footprint_max_mm2", "Raise footprint_max_mm2"),
+    ],
+)
+def test_the_remedy_of_an_impossible_request_is_of_what_makes_it_so(changes, keys, words):
+    with pytest.raises(DldsimError, match=words) as error:
+        found(Known(hill), ask(trials=5, startup_trials=5, **changes), seed=1, safety=2.0)
+    assert error.value.key == keys
+    if "gap_um" not in changes:
+        assert "gap_um upwards" not in str(error.value)
 
 
 def test_unlucky_search_is_an_error_not_a_guess():
