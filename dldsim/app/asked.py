@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest, is_given
 from dldsim.design.cell_source import CellSource, make_sources
 from dldsim.design.finished_campaign import calibration_of
 from dldsim.design.measured_cells import Measured
@@ -76,7 +76,7 @@ def check_measured(
         idle = [
             key.format(i)
             for key in (*OF_RADII, *(OF_STIFFNESS if stiffness else ()))
-            if given.get(key.format(i)) not in (None, False)
+            if is_given(given.get(key.format(i)))
             and given[key.format(i)] != taken.get(key.format(i))
         ]
         if idle:

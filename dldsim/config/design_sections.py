@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -56,6 +56,14 @@ class Device(Section):
     def _streams_fit(self) -> "Device":
         half = self.sample_width_um / 2 + self.divider_um
         middle, width = 1e3 * self.sample_position_mm, 1e3 * self.array_width_mm
+        if not half < width - half:
+            raise Unfit(
+                f"array_width_mm more than {2 * half / 1e3:g}: the sample stream and its two "
+                "dividers lie inside the channel",
+                "array_width_mm",
+                "sample_width_um",
+                "divider_um",
+            )
         if not half < middle < width - half:
             raise Unfit(
                 f"sample_position_mm between {half / 1e3:g} and {(width - half) / 1e3:g}: the "
@@ -102,7 +110,9 @@ Bounds = tuple[Bound, Bound]
 Spread = Annotated[float, Field(ge=0, le=1)]
 SPRING_LEAST = 1e-3
 """Least spring constant of a cell [µN/m]; smaller ones have no finite Ca, and no cell has them."""
-Spring = Annotated[float, Field(ge=SPRING_LEAST, le=1e6)]
+SPRING_MOST = 1e6
+"""Largest spring constant that a request may name [µN/m]."""
+Spring = Annotated[float, Field(ge=SPRING_LEAST, le=SPRING_MOST)]
 DEFORMABILITIES = ("deformation_index_{}", "stiffness_set_{}", "ks_{}_uN_per_m", "rigid_{}")
 """Fields of a cell type of which a request names one."""
 
@@ -233,13 +243,18 @@ class DesignRequest(CellTypes):
         return self
 
 
+def is_given(value: Any) -> bool:
+    """Whether a field says something: null and false do not, 0 does."""
+    return value is not None and value is not False
+
+
 def check_cell_type(named: Section, keys: Sequence[str], shape: str, spread: str) -> None:
     """Refuse a cell type whose fields, of these names, say too little, too much or two things.
 
     ``keys``: of DEFORMABILITIES.
     """
     index, by_set, _, rigid = keys
-    given = [key for key in keys if getattr(named, key) not in (None, False)]
+    given = [key for key in keys if is_given(getattr(named, key))]
     if len(given) != 1:
         raise Unfit(f"exactly one of {', '.join(keys[:-1])} and {rigid}", *keys)
     if given == [rigid] and getattr(named, shape) != "sphere":

@@ -35,7 +35,8 @@ def ks_of_index(
             key=key,
             value=index,
             allowed="a stiffness set or a spring constant, without a calibration",
-            remedy="Name the cell type by one of these, or add the table calibration.",
+            remedy="Name the cell type by a stiffness set or a spring constant, or add the table "
+            "calibration.",
         )
     try:
         return stiffness_for(

@@ -1,17 +1,23 @@
 """Measured cells of a population, from a user's table: radii, and what tells their stiffness."""
 
+import difflib
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from dldsim.config.design_sections import SPRING_LEAST, SPRING_MOST
 from dldsim.errors import DldsimError
 from dldsim.tables.user_table import read_user_table
 from dldsim.tables.user_values import as_numbers, check_plausible, need
 
 RADIUS, INDEX, STIFFNESS = "radius_um", "deformation_index", "ks_uN_per_m"
 FEWEST = 2
+UNUSED = "not used: "
+"""Beginning of the note on columns that say nothing."""
 
 
 class Measured(NamedTuple):
@@ -23,6 +29,11 @@ class Measured(NamedTuple):
     deformation_index: np.ndarray | None
     ks_uN_per_m: np.ndarray | None
     notes: list[str]
+
+    @property
+    def unused(self) -> str:
+        """The note on columns that say nothing, "" without any."""
+        return next((note for note in self.notes if note.startswith(UNUSED)), "")
 
     def place(self, level: np.ndarray) -> np.ndarray:
         """Indices of cells at levels 0 to 1 of the radii."""
@@ -53,6 +64,8 @@ def read_measured(source: Path | bytes, where: str | None = None) -> Measured:
     if left_out := int((~known).sum()):
         notes = [*notes, f"{left_out} rows without {' or '.join(columns)} left out"]
     values = {name: column[known].reset_index(drop=True) for name, column in columns.items()}
+    notes = [*notes, *_not_used(frame)]
+    _check_swapped(values, where)
     for column in values.values():
         _check_index(column, where)
         check_plausible(column, where)
@@ -66,6 +79,7 @@ def read_measured(source: Path | bytes, where: str | None = None) -> Measured:
             allowed="positive numbers",
             remedy="Leave empty what was not measured.",
         )
+    _check_springs(values, where)
     if len(values[RADIUS]) < FEWEST:
         raise DldsimError(
             f"{where}: {len(values[RADIUS])} cells are no population.",
@@ -88,6 +102,74 @@ def _check_diameter(frame: pd.DataFrame, where: str) -> None:
             allowed=f"a column {RADIUS}",
             remedy="Halve the diameters, in µm, and name the column so.",
         )
+
+
+ALIASES = {
+    RADIUS: ("radius", "r", "cell_radius_um", "cell_radius", "size_um"),
+    INDEX: ("di", "deformability", "deformation", "def_index", "index"),
+    STIFFNESS: ("ks", "k_s", "stiffness", "spring_constant", "ks_n_per_m", "ks_mn_per_m"),
+}
+"""Names that users give to columns, besides misspelt ones."""
+
+
+def _not_used(frame: pd.DataFrame) -> list[str]:
+    """A note on columns that say nothing here, with the name that may be meant."""
+    unused = [str(name) for name in frame if name not in ALIASES]
+    if not unused:
+        return []
+    hints = []
+    for name in unused:
+        plain = re.sub(r"[\s.-]+", "_", name.lower()).partition("_[")[0].partition("_(")[0]
+        meant = next((known for known, others in ALIASES.items() if plain in others), None)
+        close = difflib.get_close_matches(plain, [k.lower() for k in ALIASES], n=1, cutoff=0.75)
+        meant = meant or next((known for known in ALIASES if known.lower() in close), None)
+        if meant is not None and meant not in frame:
+            hints.append(f"; is {meant} meant by {name}? Rename it, and mind the unit")
+    columns = "column" if len(unused) == 1 else "columns"
+    return [f"{UNUSED}{columns} {', '.join(unused)}{''.join(hints)}"]
+
+
+def _check_swapped(values: Mapping[str, pd.Series], where: str) -> None:
+    """Refuse radii and indices in each other's column."""
+    if INDEX not in values or not len(values[INDEX]):
+        return
+    radius, index = values[RADIUS].median(), values[INDEX].median()
+    if 0 <= radius < 1 < index:
+        raise DldsimError(
+            f"{where}: {RADIUS} is {radius:.3g} and {INDEX} {index:.3g} in the middle; these look "
+            "like each other's values.",
+            key=(RADIUS, INDEX),
+            value=(float(radius), float(index)),
+            allowed="radii in µm, indices from 0 to 1",
+            remedy="Swap the names of the two columns.",
+        )
+
+
+def _check_springs(values: Mapping[str, pd.Series], where: str) -> None:
+    """Refuse spring constants that no cell has, with the unit that they may be in."""
+    if STIFFNESS not in values:
+        return
+    column = values[STIFFNESS]
+    bad = column[(column < SPRING_LEAST) | (column > SPRING_MOST)]
+    if not len(bad):
+        return
+    middle = float(column.median())
+    hint = next(
+        (
+            f"In {unit} it would be {factor * middle:.3g} µN/m: multiply the column by {factor:g}."
+            for unit, factor in (("N/m", 1e6), ("mN/m", 1e3), ("pN/m", 1e-6))
+            if 1 <= factor * middle <= 1000
+        ),
+        "Correct the table, or leave empty what was not measured.",
+    )
+    raise DldsimError(
+        f"{where}, column {STIFFNESS}, row {bad.index[0] + 1} of the cells: {bad.iloc[0]:g} µN/m; "
+        f"allowed {SPRING_LEAST:g} to {SPRING_MOST:g} (cells outside: {len(bad)}).",
+        key=STIFFNESS,
+        value=float(bad.iloc[0]),
+        allowed=f"{SPRING_LEAST:g} to {SPRING_MOST:g} µN/m",
+        remedy=hint,
+    )
 
 
 def _check_index(column: pd.Series, where: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import pandas as pd
 
-from dldsim.analysis.calibration import check_assay
+from dldsim.analysis.calibration import check_assay, curve_of
 from dldsim.analysis.domain import Domain
 from dldsim.analysis.features import CellInFlow
 from dldsim.analysis.stiffness import stiffness_at
@@ -18,7 +18,7 @@ from dldsim.analysis.surrogate import BEAD
 from dldsim.config.design_sections import DEFORMABILITIES, SPRING_LEAST, DesignRequest
 from dldsim.config.feasibility import smallest_passable_um
 from dldsim.config.sections import CellShape, Flow, Stiffness
-from dldsim.design.deformability import SLIT, ks_of_index, ks_of_sets, seen_at
+from dldsim.design.deformability import SLIT, default_assay, ks_of_index, ks_of_sets, seen_at
 from dldsim.errors import DldsimError
 from dldsim.laws import rest_thickness
 
@@ -185,6 +185,8 @@ def make_population(
         seen = seen_at(stiffness.ks_uN_per_m, asked.shape, asked.radius_um, calibration, assay)
         index = None if seen is None else seen.deformation_index
         if asked.deformation_index_std > 0:
+            if index is None:
+                raise _not_seen(asked, stiffness, calibration, assay)
             found = _by_assay(asked, index, calibration, assay, set_key)
             ends, by = found, found["assay"]
     else:
@@ -247,6 +249,29 @@ def _by_assay(
     cell = asked.shape, asked.radius_um
     error = asked.deformation_index_std
     return ks_of_index(index, *cell, calibration, error, assay, keys=(key, *asked.keys[-2:]))
+
+
+def _not_seen(
+    asked: Asked, stiffness: Stiffness, calibration: pd.DataFrame | None, assay: str | None
+) -> DldsimError:
+    """Why a spread of the index cannot be had of a stiffness set: no assay has an index there."""
+    why = "there is no calibration"
+    if calibration is not None:
+        by = assay or default_assay(calibration)
+        why = f"assay {by} is not calibrated at its k_s of {stiffness.ks_uN_per_m:.4g} µN/m"
+        try:
+            curve_of(calibration, by, asked.shape, asked.radius_um)
+        except DldsimError as error:
+            why = str(error).rstrip(".")
+    number = asked.keys[1].rpartition("_")[2]
+    return DldsimError(
+        f"{asked.keys[1]} = {asked.stiffness_set}: there is no index that would spread by "
+        f"deformation_index_std_{number} = {asked.deformation_index_std:g}: {why}.",
+        key=(f"deformation_index_std_{number}", asked.keys[1]),
+        value=asked.deformation_index_std,
+        allowed="a spread of k_s instead, or a cell that the assay is calibrated for",
+        remedy=f"Give the spread of k_s instead (ks_cv_{number}, --ks{number}-cv).",
+    )
 
 
 def _of_set(

@@ -10,7 +10,7 @@ import numpy as np
 from dldsim.analysis.domain import DOMAIN_TOLERANCE, NAMES
 from dldsim.analysis.features import CellInFlow
 from dldsim.analysis.surrogate import LEVEL, Surrogate
-from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest, is_given
 from dldsim.design.cell_source import CellSource, make_sources
 from dldsim.design.chip import Chip
 from dldsim.design.draws import sobol
@@ -354,7 +354,7 @@ def check_cells(
             f"{name}: both cell types are {NAMES[first.shape]} with k_s "
             f"{first.stiffness.ks_uN_per_m:.4g} µN/m and radius {first.radius_um:g} µm; no array "
             "separates equals.",
-            key=[key for key in CELL_TYPES if getattr(request, key) not in (None, False)],
+            key=[key for key in CELL_TYPES if is_given(getattr(request, key))],
             value=first.stiffness.ks_uN_per_m,
             allowed="different cell types",
             remedy="Change one of them.",

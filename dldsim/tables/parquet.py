@@ -165,14 +165,29 @@ def _stamped(kind: str, target: pa.Schema, provenance: Mapping[str, Any]) -> pa.
 
 
 def _unreadable(path: Path, error: Exception, kind: str | None = None) -> DldsimError:
-    """Damaged; or good but out of reach, which is no reason to delete it."""
+    """Damaged; no Parquet file at all; or good but out of reach, no reason to delete it."""
+    if Path(path).is_dir():
+        return DldsimError(
+            f"{path} is a folder.", key=str(path), remedy="Name a table in it, a .parquet file."
+        )
     if reason := why_not_read(path, error):
         return DldsimError(reason, key=str(path))
+    if kind is None and not _begins_as_parquet(path):
+        return DldsimError(
+            f"{path} is no Parquet file.",
+            key=str(path),
+            remedy="Name the .parquet file of a table of dldsim; it lies beside its CSV twin.",
+        )
     return DldsimError(
         f"{path} is not a readable Parquet file: truncated, or of another format.",
         key=str(path),
         remedy=f"Delete it and run `snakemake -j2 {rule_of(kind)}`, which makes it anew.",
     )
+
+
+def _begins_as_parquet(path: Path) -> bool:
+    with Path(path).open("rb") as file:
+        return file.read(4) == b"PAR1"
 
 
 def _provenance(path: Path, kind: str | None = None) -> dict:

@@ -432,3 +432,33 @@ def test_the_cell_of_a_stiffness_is_by_default_the_campaigns(capsys, words, cell
 def test_a_radius_of_nothing_is_a_radius(capsys):
     code, _, message = call(capsys, "stiffness", "--di", 0.08, "--radius", 0)
     assert code == 2 and "of radius 6 to 9 µm, not 0 µm" in message
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.csv", b"rank,gap_um\n1,12\n", "no Parquet file. Name the .parquet file"),
+        ("a.parquet", b"PAR1 cut off", "truncated"),
+        ("folder", None, "is a folder. Name a table in it"),
+    ],
+)
+def test_what_is_no_table_is_said_to_be_what_it_is(capsys, tmp_path, name, content, words):
+    path = tmp_path / name
+    path.mkdir() if content is None else path.write_bytes(content)
+    code, _, message = call(capsys, "info", path)
+    assert code == 2 and words in message
+    assert ("Delete it" in message) == (words == "truncated")
+
+
+def test_a_spread_of_an_index_that_is_not_there_is_refused_with_the_reason(capsys):
+    cells = ["--set1", "3", "--r1", 4, "--di1-std", 0.01, "--set2", "3", "--r2", 8.8]
+    code, _, message = call(capsys, "outcome", *ARRAY, *cells)
+    assert code == 2 and "--ks1-cv" in message
+    assert "no index that would spread" in message and "of radius 6 to 9 µm, not 4 µm" in message
+
+
+def test_nothing_said_of_a_cell_type_names_the_columns_that_were_not_used(capsys, tmp_path):
+    (tmp_path / "a.csv").write_text("radius_um,DI\n6.4,0.08\n6.6,0.08\n")
+    words = ["outcome", *ARRAY, "--set2", "3", "--population1", tmp_path / "a.csv"]
+    code, _, message = call(capsys, *words)
+    assert code == 2 and "is deformation_index meant by DI?" in message

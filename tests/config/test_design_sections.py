@@ -3,7 +3,7 @@
 import pytest
 
 from dldsim.config.configuration import Config, Partial
-from dldsim.config.design_sections import DesignRequest
+from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.explain import validate
 from dldsim.errors import DldsimError
 
@@ -60,3 +60,23 @@ def test_what_is_named_twice_or_not_at_all_is_refused(changes, words, keys):
 def test_the_survey_is_learnt_from_unless_told_otherwise():
     assert Partial().surrogate.survey is True
     assert "surrogate" in Config.model_fields
+
+
+def test_an_index_of_zero_is_given():
+    """0 equals false, which says nothing."""
+    asked = validate(
+        DesignRequest, {"name": "a", "deformation_index_1": 0.0, "stiffness_set_2": "1"}
+    )
+    assert asked.deformation_index_1 == 0
+    with pytest.raises(DldsimError, match="exactly one of"):
+        validate(
+            DesignRequest,
+            {"name": "a", "deformation_index_1": 0, "ks_1_uN_per_m": 5, "stiffness_set_2": "1"},
+        )
+
+
+@pytest.mark.parametrize("values", [{"sample_width_um": 3000}, {"array_width_mm": 0.05}])
+def test_a_sample_stream_that_fits_nowhere_has_no_allowed_positions(values):
+    with pytest.raises(DldsimError, match="array_width_mm more than") as error:
+        validate(Device, values)
+    assert "between" not in str(error.value)

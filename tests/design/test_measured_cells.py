@@ -54,3 +54,40 @@ def test_rows_without_a_value_are_left_out_and_told():
 def test_what_cannot_be_meant_is_refused(text, message):
     with pytest.raises(DldsimError, match=message):
         read(text)
+
+
+@pytest.mark.parametrize(
+    ("header", "note"),
+    [
+        ("ks", "is ks_uN_per_m meant by ks?"),
+        ("DI", "is deformation_index meant by DI?"),
+        ("Deformation index", "is deformation_index meant by Deformation index?"),
+        ("ks_uN_m", "is ks_uN_per_m meant by ks_uN_m?"),
+        ("remark", "not used: column remark"),
+    ],
+)
+def test_columns_that_are_not_used_are_told(header, note):
+    cells = read_measured(f"radius_um,{header}\n6.0,0.1\n6.1,0.2\n".encode(), "a.csv")
+    assert cells.deformation_index is None and cells.ks_uN_per_m is None
+    assert note in cells.unused and cells.unused in cells.notes
+    assert ("?" in cells.unused) == ("?" in note)
+
+
+def test_values_in_each_others_column_are_refused():
+    table = b"radius_um,deformation_index\n0.08,6.4\n0.09,6.6\n"
+    with pytest.raises(DldsimError, match=r"radius_um is 0.085 .* Swap the names"):
+        read_measured(table, "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (("1e-5", "1.1e-5"), "In N/m it would be 10.5 µN/m: multiply the column by 1e"),
+        (("1e7", "1.2e7"), "In pN/m it would be 11 µN/m"),
+        (("10", "1e-4"), r"row 2 of the cells: 0.0001 µN/m; allowed 0.001 to 1e\+06"),
+    ],
+)
+def test_spring_constants_of_another_unit_are_refused_with_file_and_column(values, words):
+    table = "radius_um,ks_uN_per_m\n" + "".join(f"6.4,{value}\n" for value in values)
+    with pytest.raises(DldsimError, match=f"a.csv, column ks_uN_per_m, .*{words}"):
+        read_measured(table.encode(), "a.csv")

@@ -7,7 +7,7 @@ from typing import Any
 
 from dldsim.app.commands.options import add_option, number, option_of
 from dldsim.app.commands.settings import given_by
-from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest
+from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest, is_given
 from dldsim.errors import DldsimError
 
 ONE_OF = (
@@ -118,15 +118,16 @@ def request_of(
     measured = tuple(None if path is None else read_measured(path) for path in paths)
     check_measured(given, measured, values, _option)
     values = with_measured(values | given, measured)
-    for i in "12":
+    for i, cells in zip("12", measured, strict=True):
         said = [values.get(key.format(i)) for key in DEFORMABILITIES]
-        if all(value is None or value is False for value in said):
+        if not any(is_given(value) for value in said):
             options = f"--di{i}, --set{i}, --ks{i}, --rigid{i}"
             raise DldsimError(
                 f"Nothing is said of how deformable cell type {i} is.",
                 key=tuple(key.format(i) for key in DEFORMABILITIES),
                 value=None,
                 allowed=f"one of {options}",
-                remedy=f"Give one of {options}, or measured cells with --population{i}.",
+                remedy=f"Give one of {options}, or measured cells with --population{i}"
+                + (f" ({cells.source}: {cells.unused})." if cells and cells.unused else "."),
             )
     return values, measured

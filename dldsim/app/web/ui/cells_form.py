@@ -45,7 +45,7 @@ def fill(given: Mapping[str, Any]) -> None:
     for i in "12":
         for kind, key in FIELD.items():
             name = key.format(i)
-            if given[name] not in (None, False):
+            if given[name] is not None and given[name] is not False:
                 state[f"form:by_{i}"] = kind
                 state[f"form:{name}"] = given[name]
         for key in KEPT:
