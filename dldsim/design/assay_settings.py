@@ -8,14 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from dldsim.analysis.calibration import default_curves
-from dldsim.config.assay_sections import (
-    CIRCULARITY,
-    Assay,
-    ChannelAssay,
-    ConstrictionAssay,
-    TableAssay,
-)
+from dldsim.analysis.calibration import MODULI, default_curves
+from dldsim.config.assay_sections import CIRCULARITY, Assay, ChannelAssay, TableAssay
 from dldsim.config.configuration import Partial
 from dldsim.config.identifiers import parse_point
 from dldsim.config.provenance import flattened
@@ -49,13 +43,14 @@ def check_assays(
     calibration: pd.DataFrame | None,
     made: Mapping[str, Mapping[str, Any]],
     assay: str | None,
+    membranes: bool = True,
 ) -> None:
     """Refuse a configuration whose assay differs from the one that a calibration was made with.
 
     ``made``: of `read_made`; without it, what the calibration tells is compared: kind, stress,
     velocity, viscosity and published indices. ``assay``: the one that is asked by; None: the
-    calibration's default. Compared are the settings that the configuration names. Raises
-    DldsimError with assay, key and both values.
+    calibration's default. ``membranes``: compare constriction groups, too. Compared are the
+    settings that the configuration names. Raises DldsimError with assay, key and both values.
     """
     if calibration is None or not len(calibration):
         return
@@ -63,12 +58,23 @@ def check_assays(
     name = by.removesuffix(CIRCULARITY)
     wanted = settings.assays.get(name)
     rows = calibration[calibration["assay"] == by]
-    if wanted is None or not len(rows):
+    if not len(rows):
         return
     known = _told(rows) | flattened(made.get(name, {}))
     if "flow_rate_nl_per_s" in known and (told := known.pop("flow_rate_nl_per_s")) is not None:
         known["velocity_mm_s"] = 1e3 * told / (known["width_um"] * known["height_um"])
-    for path, key, value in _named(name, wanted, settings):
+    slit = known.get("kind") == "constriction"
+    named = [] if wanted is None else _named(name, wanted, settings)
+    named += _of_slit(settings) if slit and getattr(wanted, "channel", None) is None else []
+    if (
+        membranes
+        and slit
+        and known.get("groups", wanted is None or getattr(wanted, "groups", False))
+    ):
+        own = known.get("velocity_mm_s") is None or isinstance(known["velocity_mm_s"], str)
+        known |= _told_of_groups(rows, own)
+        named += _of_groups(settings)
+    for path, key, value in named:
         if key in known and not _same(value, known[key]):
             raise DldsimError(
                 f"{path} = {value} in the configuration, but the calibration by which indices of "
@@ -88,7 +94,7 @@ def _same(value: Any, other: Any) -> bool:
     return bool(value == other)
 
 
-def _remedy(wanted: Assay, name: str) -> str:
+def _remedy(wanted: Assay | None, name: str) -> str:
     if isinstance(wanted, TableAssay):
         return "Name the assay otherwise, or take it out of the configuration."
     return (
@@ -126,7 +132,33 @@ def _named(name: str, assay: Assay, settings: Partial) -> list[tuple[str, str, A
         found.append((f"{at}indices", "indices", assay.indices))
     if isinstance(assay, ChannelAssay) and assay.flow_rate_nl_per_s is not None:
         found.append((f"{at}flow_rate_nl_per_s", "velocity_mm_s", assay.mean_velocity_mm_s))
-    if isinstance(assay, ConstrictionAssay) and assay.channel is None:
-        own = settings.constriction.model_dump(mode="json", exclude_unset=True)
-        found += [(f"constriction.{key}", f"channel.{key}", value) for key, value in own.items()]
     return sorted(found, key=lambda one: one[1] != "kind")
+
+
+def _of_slit(settings: Partial) -> list[tuple[str, str, Any]]:
+    """The same of the section `constriction`, the channel of assays that have none of their own."""
+    own = settings.constriction.model_dump(mode="json", exclude_unset=True)
+    return [(f"constriction.{key}", f"channel.{key}", value) for key, value in own.items()]
+
+
+def _of_groups(settings: Partial) -> list[tuple[str, str, Any]]:
+    """The same of the section `constriction_groups`, the membranes of assays with groups."""
+    return [
+        (f"constriction_groups.{key}", f"groups.{key}", value)
+        for key, value in flattened(
+            {n: g.model_dump(exclude_unset=True) for n, g in settings.constriction_groups.items()}
+        ).items()
+    ]
+
+
+def _told_of_groups(rows: pd.DataFrame, own_velocity: bool) -> dict[str, Any]:
+    """What the rows of an assay tell of its groups."""
+    columns = {f"stiffness.{name}": name for name in MODULI}
+    if own_velocity:
+        columns["velocity_mm_s"] = "velocity_mm_s"
+    return {
+        f"groups.{row['group']}.{key}": float(row[column])
+        for _, row in rows.iterrows()
+        for key, column in columns.items()
+        if pd.notna(row[column])
+    }

@@ -129,15 +129,16 @@ def check_settings(
 
     Compared are the settings that the configuration names: liquid and drive; reach of the contact
     and area forces, which are assumptions about the cell, not resolution; stiffness sets of the
-    request; the assay that indices are read by; whether the survey was learnt from; shape and
-    radius of the cells, velocity and height, where the request does not say its own; and, to
-    ``simulate``, everything that is simulated with. Raises DldsimError that names key, value, and
-    what the campaign was made with.
+    request, and all of them where it has an index; the assay that indices are read by; whether the
+    survey was learnt from; shape and radius of the cells, velocity and height, where the request
+    does not say its own; and, to ``simulate``, everything that is simulated with. Raises
+    DldsimError that names key, value, and what the campaign was made with.
     """
     if settings is None:
         return
     by = None if request is None else request.assay
-    assay_settings.check_assays(settings, known.calibration, known.assays, by)
+    by_index = request is not None and _measured(request)
+    assay_settings.check_assays(settings, known.calibration, known.assays, by, by_index)
     wanted: list[tuple[str, Any, Any, str]] = []
     sections = {
         "cell": ("aspect_ratio",),
@@ -161,14 +162,15 @@ def check_settings(
             (f"{name}.{key}", value, known.settings[name].get(key), "")
             for key, value in _named(settings, name, keys)
         ]
-    given = set() if request is None else request.model_fields_set
-    for i in (1, 2) if request else ():
-        name = getattr(request, f"stiffness_set_{i}")
-        if name in (settings.stiffness_sets or {}) and name in known.settings["stiffness_sets"]:
-            own = known.settings["stiffness_sets"][name]
+    by_sets = [] if request is None else [request.stiffness_set_1, request.stiffness_set_2]
+    if by_index:  # k_s is read between all of them
+        by_sets = list(known.settings["stiffness_sets"])
+    for by_set in filter(None, by_sets):
+        if by_set in settings.stiffness_sets and by_set in known.settings["stiffness_sets"]:
+            own = known.settings["stiffness_sets"][by_set]
             wanted += [
-                (f"stiffness_sets.{name}.{key}", value, own[key], "")
-                for key, value in settings.stiffness_sets[name]
+                (f"stiffness_sets.{by_set}.{key}", value, own[key], "")
+                for key, value in settings.stiffness_sets[by_set]
             ]
     flow = known.settings["flow"]
     given = set() if request is None else request.model_fields_set
@@ -256,18 +258,17 @@ def keep_campaign(results: Path, directory: Path = CAMPAIGN_DATA) -> None:
         part.write_text(json.dumps(made, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
+def _measured(request: DesignRequest) -> bool:
+    """Whether a cell type of a request has a stiffness, or a spread of it, by an assay."""
+    fields = ("deformation_index_{}", "deformation_index_std_{}")
+    return any(getattr(request, key.format(i)) is not None for key in fields for i in "12")
+
+
 def with_default_assay(settings: Partial | None, request: DesignRequest) -> DesignRequest:
     """The request by the assay that a configuration names as default, unless it names its own or
     nothing that an assay has measured."""
     named = settings is not None and "default_assay" in settings.model_fields_set
-    measured = ("deformation_index_{}", "deformation_index_std_{}")
-    given = [getattr(request, key.format(i)) for key in measured for i in "12"]
-    if (
-        settings is None
-        or not named
-        or request.assay is not None
-        or not any(value is not None for value in given)
-    ):
+    if settings is None or not named or request.assay is not None or not _measured(request):
         return request
     return request.model_copy(update={"assay": settings.default_assay})
 

@@ -1,22 +1,18 @@
 """What a finished campaign knows: its settings, and the survey that it learnt from."""
 
-from pathlib import Path
-
 import pytest
-import yaml
 
 from dldsim.analysis import learning, surrogate
 from dldsim.app import design_answers
+from dldsim.config.configuration import Partial
 from dldsim.config.design_sections import DesignRequest, Device
-from dldsim.config.presets import resolve
+from dldsim.config.explain import validate
 from dldsim.config.sections import Flow, Numerics
 from dldsim.design import finished_campaign
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import read_table, write_table
 from tests.analysis.made_outcomes import make_survey
 from tests.app.conftest import filled
-
-CONFIG = Path(__file__).parents[2] / "config.yaml"
 
 
 def test_a_campaign_that_learnt_from_the_survey_has_it_among_its_tables(
@@ -44,16 +40,14 @@ def test_a_campaign_that_learnt_from_the_survey_has_it_among_its_tables(
 @pytest.mark.parametrize(("key", "value"), [("contact_range_um", 0.1), ("area_forces", "gradient")])
 def test_numerics_that_say_what_a_cell_is_matter_to_every_answer(campaign, key, value):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)
-    config = resolve(yaml.safe_load(CONFIG.read_text(encoding="utf-8")), {"numerics": {key: value}})
+    config = validate(Partial, {"numerics": {key: value}})
     with pytest.raises(DldsimError, match=rf"numerics\.{key} = {value} .* campaign with"):
         finished_campaign.check_settings(config, known)
 
 
 def test_other_numerics_matter_only_to_a_simulation(campaign):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)
-    config = resolve(
-        yaml.safe_load(CONFIG.read_text(encoding="utf-8")), {"numerics": {"spacing_um": 0.8}}
-    )
+    config = validate(Partial, {"numerics": {"spacing_um": 0.8}})
     request = DesignRequest(
         name="r", deformation_index_1=0.5, deformation_index_2=0.7, radius_1_um=7, radius_2_um=7
     )

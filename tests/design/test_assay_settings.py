@@ -82,6 +82,45 @@ def test_so_are_another_slit_and_other_published_indices(known, settings, key):
     assert refused(known, settings, asked(assay, deformation_index_1=0.7)).key == key
 
 
+GROUP = {"stiffness": {"ks_uN_per_m": 5.1, "kb_pN_um": 0.0433, "kal_uN_per_m": 10.2}}
+
+
+@pytest.mark.parametrize(
+    ("settings", "key"),
+    [
+        ({"constriction": {"throat_width_um": 9.0}}, "constriction.throat_width_um"),
+        (
+            {"constriction_groups": {"G1": GROUP | {"velocity_mm_s": 2.0}}},
+            "constriction_groups.G1.velocity_mm_s",
+        ),
+        (
+            {
+                "constriction_groups": {
+                    "G1": {"velocity_mm_s": 1.095}
+                    | {"stiffness": GROUP["stiffness"] | {"kb_pN_um": 1.0}}
+                }
+            },
+            "constriction_groups.G1.stiffness.kb_pN_um",
+        ),
+    ],
+)
+def test_slit_and_groups_matter_without_the_assay_beside_them(known, settings, key):
+    moduli = {"kag_uN_per_m": 500, "kv_Pa": 900, "kvisc_nN_s_per_m": 1.5}
+    for group in settings.get("constriction_groups", {}).values():
+        group["stiffness"] = moduli | group["stiffness"]
+    request = asked("group-velocity", deformation_index_1=0.68)
+    assert refused(known, settings, request).key == key
+    check_settings(validate(Partial, settings), known, asked())
+
+
+def test_an_index_is_read_between_the_membranes_of_the_campaign(known):
+    own = known.settings["stiffness_sets"]["1"]
+    settings = {"stiffness_sets": {"1": own | {"ks_uN_per_m": 6.0}}}
+    assert refused(known, settings).key == "stiffness_sets.1.ks_uN_per_m"
+    by_set = asked(deformation_index_1=None, ks_1_uN_per_m=5.0)
+    check_settings(validate(Partial, settings), known, by_set)
+
+
 def test_assays_that_are_not_asked_by_do_not_matter(known):
     other = validate(Partial, {"assays": {"group-velocity": SLIT | {"velocity_mm_s": 1.0}}})
     check_settings(other, known, asked())
