@@ -123,7 +123,8 @@ def _not_used(frame: pd.DataFrame) -> list[str]:
         meant = next((known for known, others in ALIASES.items() if plain in others), None)
         close = difflib.get_close_matches(plain, [k.lower() for k in ALIASES], n=1, cutoff=0.75)
         meant = meant or next((known for known in ALIASES if known.lower() in close), None)
-        if meant is not None and meant not in frame:
+        told = {INDEX, STIFFNESS} & set(frame) if meant != RADIUS else {RADIUS}
+        if meant is not None and not told:
             hints.append(f"; is {meant} meant by {name}? Rename it, and mind the unit")
     columns = "column" if len(unused) == 1 else "columns"
     return [f"{UNUSED}{columns} {', '.join(unused)}{''.join(hints)}"]

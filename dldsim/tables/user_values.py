@@ -112,13 +112,13 @@ def need(frame: pd.DataFrame, names: Iterable[str], where: str) -> None:
     hints = []
     for name in missing:
         stem = name.rsplit("_", 1)[0]
-        close = [c for c in map(str, frame.columns) if c.startswith(stem)] or (
+        close = [c for c in map(str, frame.columns) if c.lower().startswith(stem)] or (
             difflib.get_close_matches(name, map(str, frame.columns), n=1, cutoff=0.75)
         )
         hints += (
             [
                 f"Is {close[0]} meant by {name}? Rename it"
-                + (" and mind the unit." if close[0].startswith(stem) else ".")
+                + (" and mind the unit." if close[0].lower().startswith(stem) else ".")
             ]
             if close
             else []

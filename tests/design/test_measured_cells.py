@@ -91,3 +91,13 @@ def test_spring_constants_of_another_unit_are_refused_with_file_and_column(value
     table = "radius_um,ks_uN_per_m\n" + "".join(f"6.4,{value}\n" for value in values)
     with pytest.raises(DldsimError, match=f"a.csv, column ks_uN_per_m, .*{words}"):
         read_measured(table.encode(), "a.csv")
+
+
+def test_a_column_that_would_be_one_too_many_is_not_suggested():
+    cells = read_measured(b"radius_um,deformation_index,ks\n6.0,0.1,5\n6.1,0.2,5\n", "a.csv")
+    assert cells.unused == "not used: column ks"
+
+
+def test_a_column_of_radii_by_another_name_is_suggested():
+    with pytest.raises(DldsimError, match="Is Radius meant by radius_um"):
+        read_measured(b"Radius,DI\n6.0,0.1\n6.1,0.2\n", "a.csv")
