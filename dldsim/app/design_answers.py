@@ -13,10 +13,10 @@ from dldsim.config.design_sections import DesignRequest, Verification
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.design.chip import Chip
-from dldsim.design.device_outcome import SUMMED_UP, DeviceOutcome, tables_of
+from dldsim.design.device_outcome import SUMMED_UP, DeviceOutcome, tables_of, warnings_of
 from dldsim.design.export import export_design
 from dldsim.design.finished_campaign import Campaign, calibration_of
-from dldsim.design.outlet_task import OutletTask
+from dldsim.design.outlet_task import OutletTask, outlet_seed
 from dldsim.design.populations import Population, flow_of, make_populations
 from dldsim.design.rounds import verify
 from dldsim.design.search import Each, Found, search
@@ -107,7 +107,7 @@ def verify_request(
         resistance=simulator.resistance,
         progress=progress,
     )
-    seed = derive_seed(settings["seed"], f"design/{request.name}")
+    seed = outlet_seed(settings["seed"])
     task = OutletTask(model, request, asked.sources, asked.history, chip.at(flow), seed)
     try:
         devices = devices_of(verdicts, task, budget.exports)
@@ -167,16 +167,16 @@ def make_designs(
     asked = ask(request, populations, known.tables, measured)
     chip = known.chip.at(flow_of(request, known.chip.flow))
     number = derive_seed(seed, f"design/{request.name}")
-    found = search(
-        known.model, request, populations, chip, number, each, asked.sources, asked.history
-    )
-    task = OutletTask(known.model, request, asked.sources, asked.history, chip, number)
+    cells = asked.sources, asked.history
+    task = OutletTask(known.model, request, *cells, chip, outlet_seed(seed))
+    found = search(known.model, request, populations, chip, number, each, *cells, task)
     notes = asked.notes
     try:
         devices = [
             task.outcome(candidate_name(request, design["design"]), geometry_of(design))
             for _, design in found.designs.iterrows()
         ]
+        notes = [*notes, *warnings_of(devices)]
     except DldsimError as error:
         devices, notes = [], [*notes, f"no outcome of the device: {error}"]
     settings = {
