@@ -105,6 +105,97 @@ def test_a_design_and_a_cascade_by_files(capsys, campaign, designed):
         assert [row["stage"] for row in summary["outcomes"]] == [1, 1, 2, 2]
 
 
+def test_a_design_by_its_file_has_the_device_of_its_mask(capsys, campaign, designed):
+    """Array length and wall are those of the mask, and so is what was said to come out of it."""
+    folder, _ = designed
+    path = folder / "files/request-candidate-1.json"
+    mask = json.loads(path.read_text(encoding="utf-8"))["device"]
+    rows = read_rows("device_outcomes", folder / "device_outcomes.parquet")
+    code, summary, _ = outcome(capsys, campaign, "--design", path, *FEW)
+    assert code == 0
+    found = summary["outcomes"][0]
+    assert found["array_length_mm"] == pytest.approx(mask["array_length_um"] / 1e3)
+    assert found["array_length_mm"] < 4  # the setting is 5 mm
+    assert [row["low_um"] for row in summary["outlets"]][1:] == mask["outlet_walls_um"]
+    for name in ("purity", "recovery", "purity_recovery", "cut_um"):
+        assert found[name] == pytest.approx(rows[0][name], abs=1e-12)
+
+
+def test_the_wall_of_a_mask_stays_where_it_is(capsys, campaign, designed):
+    path = designed[0] / "files/request-candidate-1.json"
+    words, short = ["--design", path, *FEW], ["--array-length-mm", 1.5]
+    walls = [
+        outcome(capsys, campaign, *words, *more)[1]["outlets"][1]["low_um"]
+        for more in ([], short, [*short, "--outlets", 2])
+    ]
+    mask = json.loads(path.read_text(encoding="utf-8"))["device"]
+    assert walls[:2] == 2 * mask["outlet_walls_um"] and walls[2] != walls[0]
+    notes = outcome(capsys, campaign, *words, *short)[1]["notes"]
+    assert "--outlets places them anew" in notes[0]
+    narrow = ["--array-width-mm", 0.5]
+    code, _, message = outcome(capsys, campaign, *words, *narrow)
+    assert code == 2 and "--outlets places them anew" in message
+
+
+def test_settings_that_a_design_was_made_without_are_refused(capsys, campaign, designed, tmp_path):
+    """As without a design; what the design was made with may be named, and an option goes over."""
+    path, config = designed[0] / "files/request-candidate-1.json", tmp_path / "other.yaml"
+    words = ["--design", path, *FEW, "--config", config]
+    for text, parts in (
+        ("device: {array_width_mm: 1.5}", ["array_width_mm = 1.5", "candidate-1", "with 2.0"]),
+        ("device: {outlets: 3}", ["outlets = 3", "made with 2", "--outlets"]),
+        ("device: {outlet_walls_um: [900]}", ["outlet_walls_um"]),
+        ("flow: {mean_velocity_mm_s: 2}", ["mean_velocity_mm_s = 2", "--velocity"]),
+        ("flow: {height_um: 60}", ["height_um = 60", "--height"]),
+        ("cell: {shape: sphere}", ["cell.shape = sphere", "--shape1"]),
+    ):
+        config.write_text(text + "\n", encoding="utf-8")
+        code, _, message = outcome(capsys, campaign, *words)
+        assert code == 2 and all(part in message for part in parts), message
+    config.write_text("device: {array_length_mm: 5, outlets: 2, array_width_mm: 1.9}\n")
+    assert outcome(capsys, campaign, *words, "--array-width-mm", 1.8)[0] == 0
+
+
+def test_a_second_design_that_was_made_for_others_is_told(capsys, campaign, designed, tmp_path):
+    one = designed[0] / "files/request-candidate-1.json"
+    record = json.loads(one.read_text(encoding="utf-8"))
+    record["request"] |= {"radius_2_um": 9.0, "height_um": 60.0}
+    two = tmp_path / "two.json"
+    two.write_text(json.dumps(record), encoding="utf-8")
+    words = ["--design", one, *FEW, "--from-outlet", 2, "--then"]
+    code, summary, message = outcome(capsys, campaign, *words, two)
+    assert code == 0, message
+    [note] = [note for note in summary["notes"] if "was made for" in note]
+    assert "radius_2_um = 9.0, height_um = 60.0; here" in note and "radius_2_um = 8.0" in note
+    summary = outcome(capsys, campaign, *words, one)[1]
+    assert not any("was made for" in note for note in summary["notes"])
+
+
+def test_both_commands_draw_the_same(capsys, campaign):
+    bounds = [w for name, v in zip(ARRAY[::2], ARRAY[1::2], strict=True) for w in (name, v, v)]
+    words = [*CELLS, *FEW, "--seed", 3]
+    found = [
+        call(capsys, "design", *bounds, *words, "--trials", 2, "--results", campaign)[1],
+        outcome(capsys, campaign, *ARRAY, *words)[1],
+    ]
+    one, two = ([{**row, "device": ""} for row in f["outcomes"]] for f in found)
+    for row in (*one, *two):
+        row.pop("request")
+    assert one == two
+
+
+def test_a_device_that_was_not_learnt_is_warned_of(capsys, campaign):
+    words = [*ARRAY, *CELLS, *FEW, "--height", 300]
+    code, summary, message = outcome(capsys, campaign, *words)
+    assert code == 0, message
+    assert [row["extrapolated"] for row in summary["outcomes"]] == [1.0, 1.0]
+    assert sum(note.startswith("extrapolated: 100%") for note in summary["notes"]) == 2
+    assert "height/R 54.5 of cell type 1 was not learnt" in " ".join(summary["notes"])
+    assert all(row["recovery_low"] < 0.2 for row in summary["outcomes"])
+    assert cli.main(["outcome", *map(str, words), "--results", str(campaign)]) == 0
+    assert "note: extrapolated" in capsys.readouterr().out
+
+
 def test_options_go_over_the_design(capsys, campaign, designed):
     path = designed[0] / "files/request-candidate-1.json"
     words = ["--design", path, *FEW, "--ks1", 12, "--array-length-mm", 2, "--outlets", 3]
