@@ -279,13 +279,16 @@ def write_outcomes(
     tables: Mapping[str, pd.DataFrame], directory: Path, about: Mapping[str, Any]
 ) -> list[Path]:
     """Tables with CSV twins, `outcome.png` and `outcome.html`; returns what was written, CSV twins
-    left out."""
+    left out. Tables of a simulated check that belong to an earlier answer are removed."""
     from dldsim.report.outcome_page import write_outcome_page
     from dldsim.report.outlet_figures import draw_fan
     from dldsim.report.style import render
 
     directory = Path(directory)
     paths = []
+    for kind in set(CHECKS) - set(tables):  # of an earlier answer
+        for ending in (".parquet", ".csv"):
+            (directory / f"{kind}{ending}").unlink(missing_ok=True)
     for kind, table in tables.items():
         path = directory / f"{kind}.parquet"
         write_table(kind, table, path, about)

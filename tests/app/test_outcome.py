@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 import time
 
 import numpy as np
@@ -309,3 +310,52 @@ def test_bad_input_is_refused_with_what_to_do(words, parts, capsys, campaign):
     assert (code, summary) == (2, None)
     assert all(part in message for part in parts), message
     assert "Traceback" not in message
+
+
+def names_in(folder):
+    return sorted(path.name for path in (folder / "files").iterdir())
+
+
+def test_files_of_another_request_of_this_name_go(capsys, campaign, tmp_path):
+    """Three candidates, then one of other cells: the others' masks would look like its own."""
+    few = [*FEW, "--trials", 20, "--startup-trials", 15, "--results", campaign]
+    out = tmp_path / "used"
+    words = ["design", *CELLS, *few, "--output", out, "--candidates"]
+    assert call(capsys, *words, 3)[0] == 0
+    first = names_in(out)
+    (out / "files" / "request-notes.txt").write_text("mine")
+    shutil.copy(out / "files" / "request-candidate-3.gds", out / "files" / "other-candidate-3.gds")
+    shutil.copy(out / "files" / "request-candidate-3.json", out / "files" / "request-1.json")
+    code, summary, _ = call(capsys, *words, 3)  # the same once more: nothing is of another
+    assert (code, summary["removed"]) == (0, [])
+    assert set(first) | {"request-1.json"} < set(names_in(out))
+    # as if it were of a simulated check
+    shutil.copy(out / "device_outlets.parquet", out / "verified_designs.parquet")
+    assert cli.main([*map(str, [*words, 1, "--r2", 8.5])]) == 0
+    left = names_in(out)
+    assert [n for n in left if n.startswith("request-candidate-")] == [
+        n for n in first if n.startswith("request-candidate-1.")
+    ]
+    assert {"request-notes.txt", "other-candidate-3.gds"} < set(left)
+    assert "request-1.json" not in left and not (out / "verified_designs.parquet").exists()
+    assert capsys.readouterr().out.count("removed, of an earlier request: ") == 4 + 4 + 1 + 1
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ([], "as long as device.array_length_mm, 5 mm, in whole rows"),
+        (
+            ["--objective", "purity-recovery", "--footprint-max-mm2", 3],
+            "as long as footprint_max_mm2 and device.array_length_mm, 5 mm, allow",
+        ),
+    ],
+)
+def test_how_long_the_array_of_a_mask_is(words, part, capsys, campaign, tmp_path):
+    few = [*FEW, "--trials", 15, "--startup-trials", 15, "--candidates", 1, "--results", campaign]
+    asked = ["design", *CELLS, *few, *words, "--output", tmp_path / "a"]
+    assert cli.main([*map(str, asked)]) == 0
+    assert part in capsys.readouterr().out
+    record = json.loads((tmp_path / "a/files/request-candidate-1.json").read_text("utf-8"))
+    length = f"whole rows that fit into {'1.5' if words else '5'} mm"
+    assert any(length in note for note in record["device"]["notes"])
