@@ -148,7 +148,6 @@ def check_settings(
             (f"{name}.{key}", value, known.settings[name].get(key), "")
             for key, value in _named(settings, name, keys)
         ]
-    given = set() if request is None else request.model_fields_set
     for i in (1, 2) if request else ():
         name = getattr(request, f"stiffness_set_{i}")
         if name in (settings.stiffness_sets or {}) and name in known.settings["stiffness_sets"]:
@@ -158,7 +157,8 @@ def check_settings(
                 for key, value in settings.stiffness_sets[name]
             ]
     flow = known.settings["flow"]
-    given = set() if request is None else request.model_fields_set
+    said = set() if request is None else request.model_fields_set
+    given = {field for field in said if getattr(request, field) is not None}
     for section, key, fields, options in OF_A_REQUEST if request else ():
         for field in fields:
             value = getattr(request, field)

@@ -240,6 +240,15 @@ def test_what_the_request_names_goes_over_the_configuration(capsys, tmp_path):
     assert code == 0 and summary["request"]["velocity_mm_s"] == 0.5
 
 
+def test_a_field_that_is_named_as_nothing_is_not_named(campaign):
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
+    config = resolve(yaml.safe_load(CONFIG), {"flow": {"mean_velocity_mm_s": 5.0}})
+    cells = {"name": "r", "stiffness_set_1": "1", "stiffness_set_2": "3", "radius_1_um": 7.0}
+    request = DesignRequest(**cells, radius_2_um=7.0, velocity_mm_s=None)
+    with pytest.raises(DldsimError, match=r"mean_velocity_mm_s = 5\.0 .* --velocity"):
+        finished_campaign.check_settings(config, known, request)
+
+
 @pytest.mark.parametrize(("key", "value"), [("contact_range_um", 0.1), ("area_forces", "gradient")])
 def test_numerics_that_say_what_a_cell_is_matter_to_every_answer(campaign, key, value):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)
