@@ -150,7 +150,8 @@ def device_outcome(
     """Carry both populations through a device and place the wall between its outlets.
 
     The wall is placed by draws of their own, so that those that tell what comes out do not favour
-    it; ``quick``: by the same. Draws go with the cells, not with which type is called the first.
+    it, and for cells that were not learnt where they would be if they had been; ``quick``: by the
+    same. Draws go with the cells, not with which type is called the first.
 
     ``sources``: both cell types (`CellSource`); ``history``: what outcomes of their shapes say of
     transients; ``simulated``: rows of `outcomes` of both in this very array, where there are any,
@@ -172,7 +173,7 @@ def device_outcome(
     turned = _order(sources[0]) > _order(sources[1])
 
     def drawn(
-        count: int, each: int, seed: int, weights: Weights | None
+        count: int, each: int, seed: int, weights: Weights | None, placing: bool = False
     ) -> tuple[Devices, tuple[Paths, Paths]]:
         devices = draw_devices(count, off, seed)
         if inflow is not None:
@@ -187,7 +188,8 @@ def device_outcome(
             if inflow is not None:
                 cells = entering_again(cells, number)
             weight = None if weights is None else weights[k]
-            paths.append(make_paths(array, cells, devices, k, motion.predictor, weight))
+            predictor = motion.predictor._replace(learnt=None) if placing else motion.predictor
+            paths.append(make_paths(array, cells, devices, k, predictor, weight))
         return devices, (paths[0], paths[1])
 
     draws, each = request.outlet_draws, request.cells
@@ -195,7 +197,8 @@ def device_outcome(
     placed_by = None
     if not quick:
         fewer = min(draws, PLACED_BY[0]), min(each, PLACED_BY[1])
-        placed_by = drawn(*fewer, derive_seed(seed, "walls"), inflow and inflow.placing)[1]
+        walls_of = derive_seed(seed, "walls"), inflow and inflow.placing
+        placed_by = drawn(*fewer, *walls_of, placing=True)[1]
     inside = [m.inside(paths.cells) for m, paths in zip((first, second), both, strict=True)]
     ratio = request.concentration_ratio
     mixture = ratio / (1 + ratio), 1 / (1 + ratio)
@@ -246,8 +249,8 @@ def warnings_of(found: Sequence[DeviceOutcome]) -> list[str]:
         most = max(shares)
         part = f"up to {most:.0%}" if min(shares) < most else f"{most:.0%}"
         notes.append(
-            f"extrapolated: {part} of the cells of type {k + 1} in {names}: {why}; their motion is "
-            "taken as anything between zigzag and bump"
+            f"extrapolated: {part} of the cells of type {k + 1} in {names}: {why}; in half of the "
+            "draws they bump, in half they do not"
         )
     for one in found:
         for k, paths in enumerate(one.paths):

@@ -120,7 +120,7 @@ def motion_of(
     """The motion of a population in an array, or in arrays of this periodicity nearly as large.
 
     The error of the prediction is drawn from its conformal scores; of cells outside of what was
-    learnt nothing is known, and their share is anything in the range. ``simulated``: a row of
+    learnt nothing is known, and it is as large as the range of shares. ``simulated``: a row of
     `outcomes` of the population's mean cell in this array. What the prediction is off by is then
     known, in units of the scale of its error, and is taken for all cells of the population; drawn
     is only where in its interval the settled motion lies.

@@ -85,7 +85,8 @@ class Predictor(NamedTuple):
     that predicted at a gap so much wider or narrower. ``range``: least and largest share there is.
     ``lags``: by mode, measured lags in pitches, (n,). ``coexisting``: chance that a share between
     the modes is a mixture of cells that bump and cells that do not, and not one motion of all.
-    ``learnt(cells)``: whether their motion can be predicted, (C,); without it, that of all can.
+    ``learnt(cells)``: whether their motion can be predicted, (C,), without it that of all;
+    the error of others is as large as the range.
     """
 
     share: Callable[..., np.ndarray]
@@ -158,8 +159,8 @@ def make_paths(
     share = predictor.off(_shares(predictor, radius, moved, size, stiffness), deviate)
     if predictor.learnt is not None:
         least, largest = predictor.range
-        anywhere = least + (largest - least) * (deviate + 1) / 2
-        share = np.where(predictor.learnt(cells), share, anywhere)
+        end = np.where(deviate < 0, least, largest)
+        share = np.where(predictor.learnt(cells), share, end)
     share = np.clip(share, *predictor.range)
     between = (share > ZIGZAG_TO) & (share < BUMP_FROM)
     mixture = between & (devices.coexist[population] < predictor.coexisting)[:, None]

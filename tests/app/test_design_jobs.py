@@ -243,8 +243,8 @@ def test_what_the_request_names_goes_over_the_configuration(capsys, tmp_path):
 def test_a_field_that_is_named_as_nothing_is_not_named(campaign):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)
     config = resolve(yaml.safe_load(CONFIG), {"flow": {"mean_velocity_mm_s": 5.0}})
-    cells = {"name": "r", "stiffness_set_1": "1", "stiffness_set_2": "3", "radius_1_um": 7.0}
-    request = DesignRequest(**cells, radius_2_um=7.0, velocity_mm_s=None)
+    indices = {"deformation_index_1": 0.5, "deformation_index_2": 0.7}
+    request = DesignRequest(name="r", **indices, radius_1_um=7, radius_2_um=7, velocity_mm_s=None)
     with pytest.raises(DldsimError, match=r"mean_velocity_mm_s = 5\.0 .* --velocity"):
         finished_campaign.check_settings(config, known, request)
 
