@@ -258,8 +258,8 @@ def warnings_of(found: Sequence[DeviceOutcome]) -> list[str]:
             if enters < 1:
                 notes.append(
                     f"cells of type {k + 1} enter {one.name} at stage {one.stage} in {enters:.1%} "
-                    "of the draws: its purity and recovery there, and the smallest of all, are of "
-                    "these alone"
+                    "of the draws: its recovery there, and the smallest of purities and "
+                    "recoveries, are of these alone"
                 )
     return notes
 

@@ -231,7 +231,7 @@ def qualities(
     """Purities and recoveries (2, 2, D, K): of each population, by the population, 0 or 1, that the
     upper outlet collects, for each device and cut.
 
-    An outlet without cells has no purity, a population of which no cell enters has neither (NaN).
+    An outlet without cells has no purity, a population of which no cell enters no recovery (NaN).
     """
     found = [below(p, cuts_um, x_um) for p in paths]
     entering = amounts(paths, mixture)[:, :, None]
@@ -248,8 +248,7 @@ def qualities(
             side = int(population == upper)
             recovery[population, upper] = sides[side, population]
             purity[population, upper] = part[side, population]
-        for values in (purity, recovery):
-            values[:, upper][entering[:, :, 0] == 0] = np.nan
+        recovery[:, upper][entering[:, :, 0] == 0] = np.nan
     return purity, recovery
 
 
@@ -259,7 +258,8 @@ def value_of(purity: np.ndarray, recovery: np.ndarray) -> np.ndarray:
     Where no cell of a population enters there is none (NaN). An outlet without cells recovers
     nothing: that is 0, whatever its purity would be.
     """
-    return np.minimum.reduce(np.fmin(purity, recovery))
+    smallest = np.where(np.isnan(recovery), np.nan, np.fmin(purity, recovery))
+    return np.minimum.reduce(smallest)
 
 
 def best_split(

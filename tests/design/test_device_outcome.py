@@ -184,7 +184,7 @@ def test_a_type_that_never_enters_is_undefined_in_every_table(tmp_path):
     tables = tables_of([first, second])
     rows = tables["device_outcomes"][2:].set_index("population")
     assert rows["recovery"][1] == rows["purity"][1] == 1.0
-    for name in ("recovery", "purity", "lost", "purity_recovery", "value"):
+    for name in ("recovery", "lost", "purity_recovery", "value"):
         assert np.isnan(rows[name][2])
     assert rows["recovery_of_sample"].tolist() == [1.0, 0.0]
     outlets = tables["device_outlets"][2:]
@@ -209,6 +209,10 @@ def test_outlet_tables_and_types_say_the_same_of_a_rare_type():
         outlet = tables["device_outlets"].set_index("outlet").loc[number]
         for end in ("", "_low", "_high"):
             assert outlet[f"cells_{one['population']}{end}"] == one[f"recovery{end}"]
+        pure = [outlet[f"purity_1{end}"] for end in ("", "_low", "_high")]
+        if one["population"] == 2:
+            pure = [1 - pure[i] for i in (0, 2, 1)]
+        assert [one[f"purity{end}"] for end in ("", "_low", "_high")] == pytest.approx(pure)
     assert np.isnan(second.split.value[~enters]).all()
 
 

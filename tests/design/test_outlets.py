@@ -213,7 +213,7 @@ def test_a_second_stage_gets_what_leaves_the_first():
     assert value_of(purity, recovery)[1, 0, 0] == 0.0
 
 
-def test_a_population_that_never_enters_has_no_purity():
+def test_a_population_that_never_enters_has_no_recovery():
     """The other is then as pure as it can be; a device that nothing enters counts for nothing."""
     weight = np.array([[0.0], [1.0], [0.0]]) * np.ones(100)
     both = np.array([[1.0], [1.0], [0.0]]) * np.ones(100)
@@ -224,6 +224,7 @@ def test_a_population_that_never_enters_has_no_purity():
     )
     split = best_split(paths, (0.5, 0.5), np.array([700.0]))
     np.testing.assert_array_equal(split.purity, [[np.nan, 1, np.nan], [1, 1, np.nan]])
+    np.testing.assert_array_equal(split.recovery, [[np.nan, 1, np.nan], [1, 1, np.nan]])
     np.testing.assert_array_equal(
         split.value, [np.nan, 1, np.nan]
     )  # of one type alone there is none
