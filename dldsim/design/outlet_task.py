@@ -18,7 +18,7 @@ from dldsim.design.side_walls import FEWEST_LANES
 from dldsim.errors import DldsimError
 
 OBJECTIVE = "purity-recovery"
-SEARCH_DRAWS, SEARCH_CELLS, SEARCH_CUTS = 64, 48, 61
+SEARCH_DRAWS, SEARCH_CELLS, SEARCH_CUTS = 64, 40, 61
 """Draws of the array, cells of each type in each, and places of the wall, while many arrays are
 compared; a candidate then has those of its request."""
 
