@@ -1,5 +1,7 @@
 """The answer to one design request: search, simulated check, tables and files."""
 
+import json
+import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,10 +15,11 @@ from dldsim.config.design_sections import DesignRequest, Verification
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.design.chip import Chip
-from dldsim.design.device_outcome import SUMMED_UP, DeviceOutcome, tables_of
-from dldsim.design.export import export_design
+from dldsim.design.device_outcome import KINDS as DEVICE_KINDS
+from dldsim.design.device_outcome import SUMMED_UP, DeviceOutcome, tables_of, warnings_of
+from dldsim.design.export import FILES, export_design
 from dldsim.design.finished_campaign import Campaign, calibration_of
-from dldsim.design.outlet_task import OutletTask
+from dldsim.design.outlet_task import OutletTask, outlet_seed
 from dldsim.design.populations import Population, flow_of, make_populations
 from dldsim.design.rounds import verify
 from dldsim.design.search import Each, Found, search
@@ -24,7 +27,7 @@ from dldsim.design.simulator import Scene, Simulator
 from dldsim.design.verified import Verdicts, devices_of, export, plain
 from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
-from dldsim.tables.parquet import write_csv, write_table
+from dldsim.tables.parquet import describe, write_csv, write_table
 from dldsim.vocabulary import GEOMETRY
 
 SEARCH = (
@@ -107,7 +110,7 @@ def verify_request(
         resistance=simulator.resistance,
         progress=progress,
     )
-    seed = derive_seed(settings["seed"], f"design/{request.name}")
+    seed = outlet_seed(settings["seed"])
     task = OutletTask(model, request, asked.sources, asked.history, chip.at(flow), seed)
     try:
         devices = devices_of(verdicts, task, budget.exports)
@@ -167,16 +170,16 @@ def make_designs(
     asked = ask(request, populations, known.tables, measured)
     chip = known.chip.at(flow_of(request, known.chip.flow))
     number = derive_seed(seed, f"design/{request.name}")
-    found = search(
-        known.model, request, populations, chip, number, each, asked.sources, asked.history
-    )
-    task = OutletTask(known.model, request, asked.sources, asked.history, chip, number)
+    cells = asked.sources, asked.history
+    task = OutletTask(known.model, request, *cells, chip, outlet_seed(seed))
+    found = search(known.model, request, populations, chip, number, each, *cells, task)
     notes = asked.notes
     try:
         devices = [
             task.outcome(candidate_name(request, design["design"]), geometry_of(design))
             for _, design in found.designs.iterrows()
         ]
+        notes = [*notes, *warnings_of(devices)]
     except DldsimError as error:
         devices, notes = [], [*notes, f"no outcome of the device: {error}"]
     settings = {
@@ -229,6 +232,45 @@ def write_designs(
 
     write_report(directory, directory / "report.html")
     return [*written, directory / "report.html"]
+
+
+LATER = ("verifications", "verified_designs")
+"""Kinds of tables of a simulated check, which a search alone does not write."""
+
+
+def remove_stale(made: Made, directory: Path, verdicts: Verdicts | None = None) -> list[Path]:
+    """Remove what an earlier request of the same name left in a folder and this one does not
+    overwrite: files of candidates and of simulated designs, and tables; returns what was removed.
+
+    What was made with the same settings, such as simulated designs of this very request, stays.
+    """
+    directory, own = Path(directory), made.about["config_hash"]
+    names = {candidate_name(made.request, k) for k in made.found.designs["design"]}
+    if verdicts is not None:
+        names |= set(verdicts.designs.head(made.settings["verification"]["exports"])["name"])
+    endings = "|".join(map(re.escape, FILES.values()))
+    pattern = re.compile(rf"({re.escape(made.request.name)}-(?:candidate-)?\d+)(?:{endings})")
+    found: dict[str, list[Path]] = {}
+    for path in sorted((directory / "files").glob("*")):
+        match = pattern.fullmatch(path.name)
+        if match and match[1] not in names:
+            found.setdefault(match[1], []).append(path)
+    stale = []
+    for name, paths in found.items():
+        try:
+            record = json.loads((directory / "files" / f"{name}.json").read_text(encoding="utf-8"))
+            same = record["provenance"]["config_hash"] == own
+        except (OSError, ValueError, KeyError, TypeError):
+            same = False
+        stale += [] if same else paths
+    kinds = () if made.devices else DEVICE_KINDS
+    for kind in kinds if verdicts is not None else (*kinds, *LATER):
+        path = directory / f"{kind}.parquet"
+        if path.exists() and describe(path)["provenance"]["config_hash"] != own:
+            stale += [p for p in (path, path.with_suffix(".csv")) if p.exists()]
+    for path in stale:
+        path.unlink()
+    return stale
 
 
 def write_tables(made: Made, verdicts: Verdicts | None, directory: Path) -> list[Path]:

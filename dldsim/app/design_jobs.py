@@ -15,6 +15,7 @@ from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import Stiffness
 from dldsim.design.chip import Chip
 from dldsim.design.finished_campaign import make_chip
+from dldsim.design.outlet_task import OutletTask, outlet_seed
 from dldsim.design.populations import Population, flow_of
 from dldsim.design.search import Found, regret, search
 from dldsim.design.verified import plain
@@ -92,15 +93,17 @@ def design_job(
 
     def answer(request: DesignRequest) -> Found:
         asked = ask(request, inputs.populations(request), known)
+        cells, chip = (asked.sources, asked.history), inputs.chip_for(request)
+        outlets = OutletTask(inputs.model, request, *cells, chip, outlet_seed(settings["seed"]))
         return search(
             inputs.model,
             request,
             asked.populations,
-            inputs.chip_for(request),
+            chip,
             derive_seed(settings["seed"], f"design/{request.name}"),
             None,
-            asked.sources,
-            asked.history,
+            *cells,
+            outlets,
         )
 
     found, requests = each_request(inputs, answer)

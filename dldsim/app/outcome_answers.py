@@ -11,7 +11,7 @@ import pandas as pd
 from dldsim.analysis.stiffness import stiffness_at
 from dldsim.app.asked import Asked
 from dldsim.app.design_answers import scene_of
-from dldsim.config.design_sections import Device
+from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.explain import validate
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import Geometry
@@ -30,6 +30,7 @@ from dldsim.design.device_outcome import DeviceOutcome, device_outcome, interval
 from dldsim.design.draws import Stream
 from dldsim.design.finished_campaign import Campaign
 from dldsim.design.motion import simulated_in
+from dldsim.design.outlet_task import outlet_seed
 from dldsim.design.populations import flow_of
 from dldsim.design.task import check_cells
 from dldsim.errors import DldsimError
@@ -45,12 +46,17 @@ CELLS_MAX = 1000
 
 
 class Design(NamedTuple):
-    """A design as its file has it: name, array, device, and the request that it was made for."""
+    """A design as its file has it: name, array, device, and the request that it was made for.
+
+    ``device``: as its mask has it, array length and walls between outlets included; ``asked``: the
+    setting that it was made with. Of the request, fields at their default are left out.
+    """
 
     name: str
     geometry: Geometry
     device: Device
     request: dict[str, Any]
+    asked: Device | None = None
 
 
 def read_design(path: Path) -> Design:
@@ -62,9 +68,16 @@ def read_design(path: Path) -> Design:
     remedy = "Name the .json file of a design, such as files/request-candidate-1.json."
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
-        device = record["provenance"]["settings"]["device"]
-        values = {key: record["design"][key] for key in GEOMETRY}
-        name, request = record["name"], record["request"]
+        asked, mask = record["provenance"]["settings"]["device"], record["device"]
+        values = {key: mask[key] for key in GEOMETRY}
+        drawn = {
+            "array_length_mm": mask["array_length_um"] / 1e3,
+            "sample_position_mm": mask["sample_position_um"] / 1e3,
+            "sample_width_um": mask["sample_width_um"],
+            "outlet_walls_um": mask["outlet_walls_um"],
+        }
+        name, request = record["name"], _named(record["request"])
+        device = {**asked, **drawn}
     except OSError as error:
         raise DldsimError(
             f"{path} cannot be read: {error.strerror}.", key=str(path), remedy=remedy
@@ -73,7 +86,21 @@ def read_design(path: Path) -> Design:
         raise DldsimError(
             f"{path} is no file of a design ({error!r}).", key=str(path), remedy=remedy
         ) from error
-    return Design(name, validate(Geometry, values), validate(Device, device), request)
+    return Design(
+        name, validate(Geometry, values), validate(Device, device), request, validate(Device, asked)
+    )
+
+
+def _named(request: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a request in a file that say something: those at their default are not known to
+    have been asked for."""
+    usual = {
+        name: field.default
+        for name, field in DesignRequest.model_fields.items()
+        if not field.is_required()
+    }
+    plain = {name: list(v) if isinstance(v, tuple) else v for name, v in usual.items()}
+    return {k: v for k, v in request.items() if k not in plain or v != plain[k]}
 
 
 def make_outcomes(
@@ -103,7 +130,7 @@ def make_outcomes(
                 asked.sources,
                 known.model,
                 asked.history,
-                derive_seed(seed, "outcome"),
+                outlet_seed(seed),
                 simulated=_simulated(asked, design, known),
                 inflow=inflow,
             )
@@ -162,7 +189,7 @@ def check_by_simulation(
         asked.sources,
         known.model,
         asked.history,
-        derive_seed(seed, "outcome"),
+        outlet_seed(seed),
         simulated=_simulated(asked, design, known),
         tolerance_um=0.0,
     )
@@ -252,13 +279,16 @@ def write_outcomes(
     tables: Mapping[str, pd.DataFrame], directory: Path, about: Mapping[str, Any]
 ) -> list[Path]:
     """Tables with CSV twins, `outcome.png` and `outcome.html`; returns what was written, CSV twins
-    left out."""
+    left out. Tables of a simulated check that belong to an earlier answer are removed."""
     from dldsim.report.outcome_page import write_outcome_page
     from dldsim.report.outlet_figures import draw_fan
     from dldsim.report.style import render
 
     directory = Path(directory)
     paths = []
+    for kind in set(CHECKS) - set(tables):  # of an earlier answer
+        for ending in (".parquet", ".csv"):
+            (directory / f"{kind}{ending}").unlink(missing_ok=True)
     for kind, table in tables.items():
         path = directory / f"{kind}.parquet"
         write_table(kind, table, path, about)

@@ -11,6 +11,11 @@ DRAWS_MAX = 4_000_000
 """Draws of devices times cells: some minutes and 1 GB."""
 
 
+OUTLET_DRAWS, ANGLE_DRAWS = 1024, 64
+"""Draws of an array unless a request says how many: what nine of ten exceed at the outlets has then
+a standard deviation of two per cent. Angles are compared by fewer, in many more arrays."""
+
+
 class CellScatter(Section):
     """How the cells of both types scatter about the radius and the stiffness that a request names.
 
@@ -50,14 +55,13 @@ class CellScatter(Section):
         le=1e9,
         description="cells of the first type for each of the second, in the sample",
     )
-    draws: int = Field(
-        64,
-        ge=8,
-        le=4096,
-        description="Monte Carlo draws of an array: fabrication, and error of the prediction",
+    draws: Annotated[int, Field(ge=8, le=4096)] | None = Field(
+        None,
+        description="Monte Carlo draws of an array: fabrication, and error of the prediction; "
+        f"default {OUTLET_DRAWS} at the outlets and {ANGLE_DRAWS} where angles are compared",
     )
     cells: int = Field(
-        256, ge=16, le=65_536, description="cells of each type that are drawn in each of these"
+        64, ge=16, le=65_536, description="cells of each type that are drawn in each of these"
     )
 
     @model_validator(mode="after")
@@ -66,10 +70,20 @@ class CellScatter(Section):
             both = f"radius_std_{i}_um", f"radius_cv_{i}"
             if None not in (getattr(self, both[0]), getattr(self, both[1])):
                 raise Unfit(f"one of {both[0]} and {both[1]}", *both)
-        if self.draws * self.cells > DRAWS_MAX:
+        if self.outlet_draws * self.cells > DRAWS_MAX:
             raise Unfit(
-                f"draws times cells at most {DRAWS_MAX:,}, not {self.draws * self.cells:,}",
+                f"draws times cells at most {DRAWS_MAX:,}, not {self.outlet_draws * self.cells:,}",
                 "draws",
                 "cells",
             )
         return self
+
+    @property
+    def outlet_draws(self) -> int:
+        """Draws of an array for what comes out of a device."""
+        return OUTLET_DRAWS if self.draws is None else self.draws
+
+    @property
+    def angle_draws(self) -> int:
+        """Draws of an array in which angles are compared."""
+        return ANGLE_DRAWS if self.draws is None else self.draws

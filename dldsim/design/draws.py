@@ -73,12 +73,13 @@ def draw_devices(count: int, tolerance_um: float, seed: int) -> Devices:
 
     points = sobol(count, DEVICE_DIMENSIONS, seed)
     centred = 2 * points - 1
+    # the first dimensions of the sequence are the most even: they go to what moves outlets most
     return Devices(
-        tolerance_um * centred[0],
-        tolerance_um * centred[1],
-        centred[2:4],
-        norm.ppf(np.clip(points[4:6], 1e-6, 1 - 1e-6)),
-        points[6:8],
+        tolerance_um * centred[6],
+        tolerance_um * centred[7],
+        centred[:2],
+        norm.ppf(np.clip(points[2:4], 1e-6, 1 - 1e-6)),
+        points[4:6],
     )
 
 
@@ -175,3 +176,10 @@ def shuffled_devices(devices: Devices, seed: int) -> Devices:
     """The same draws in another order, independent of those of an earlier device."""
     order = np.random.default_rng(seed).permutation(len(devices.off_gap_um))
     return Devices(*(values[..., order] for values in devices))
+
+
+def swapped(devices: Devices) -> Devices:
+    """The same draws with those of both populations exchanged."""
+    return devices._replace(
+        **{name: getattr(devices, name)[::-1] for name in ("deviate", "numerical", "coexist")}
+    )

@@ -173,7 +173,8 @@ def check_settings(
                 for key, value in settings.stiffness_sets[by_set]
             ]
     flow = known.settings["flow"]
-    given = set() if request is None else request.model_fields_set
+    said = set() if request is None else request.model_fields_set
+    given = {field for field in said if getattr(request, field) is not None}
     for section, key, fields, options in OF_A_REQUEST if request else ():
         for field in fields:
             value = getattr(request, field)

@@ -250,7 +250,7 @@ def _notes(layout: Layout) -> list[str]:
             )
     notes.append(
         f"The array of this mask is {layout.length_um / 1e3:.2f} mm long: the {layout.rows} whole "
-        f"rows that fit into device.array_length_mm = {layout.device.array_length_mm:g}. The "
+        f"rows that fit into {layout.device.array_length_mm:.4g} mm. The "
         "length in the tables of designs is that which parts the cell types by "
         "lateral_separation_um."
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from dldsim.analysis.conformal import spread_of
+from dldsim.analysis.domain import NAMES
 from dldsim.analysis.features import CellInFlow, share_of
 from dldsim.analysis.surrogate import Surrogate
 from dldsim.config.sections import Geometry
@@ -100,11 +101,13 @@ def simulated_in(
 
 
 class Motion(NamedTuple):
-    """``inside``: whether cells (C,) are within what was learnt; ``basis``: in words."""
+    """``inside``: whether cells (C,) are within what was learnt; ``beyond``: what those outside are
+    beyond of, ``basis``: what the motion rests on, in words."""
 
     predictor: Predictor
     inside: Callable[[Cells], np.ndarray]
     basis: str
+    beyond: str
 
 
 def motion_of(
@@ -116,7 +119,8 @@ def motion_of(
 ) -> Motion:
     """The motion of a population in an array, or in arrays of this periodicity nearly as large.
 
-    The error of the prediction is drawn from its conformal scores. ``simulated``: a row of
+    The error of the prediction is drawn from its conformal scores; of cells outside of what was
+    learnt nothing is known, and it is as large as the range of shares. ``simulated``: a row of
     `outcomes` of the population's mean cell in this array. What the prediction is off by is then
     known, in units of the scale of its error, and is taken for all cells of the population; drawn
     is only where in its interval the settled motion lies.
@@ -138,7 +142,9 @@ def motion_of(
     place = np.array([geometry.pillar_radius_um]), np.array([geometry.gap_um])
     mean = np.array([population.radius_um]), np.array([population.stiffness.ks_uN_per_m])
     predicted = float(share(*place, *mean)[0])
+    learnt: Callable[[Cells], np.ndarray] | None = None
     if simulated is None or simulated.get("migration_angle_deg") is None:
+        learnt = inside
         scores = model.card["conformal"]["scores"].get(shape, [])
         off = _conformal(scores, predicted, limits)
         coexisting, basis = history.coexisting, "predicted"
@@ -149,8 +155,26 @@ def motion_of(
     numerical = gap_error(model)
     unknown = () if numerical else ("numerical error not studied",)
     notes = "; ".join([basis, *unknown, *history.notes])
-    predictor = Predictor(share, off, numerical, limits, history.lags, coexisting)
-    return Motion(predictor, inside, notes)
+    predictor = Predictor(share, off, numerical, limits, history.lags, coexisting, learnt)
+    beyond = (
+        height_not_learnt(model, population) or "array, radius or Ca outside of what was learnt"
+    )
+    return Motion(predictor, inside, notes, beyond)
+
+
+def height_not_learnt(model: Surrogate, population: Population) -> str | None:
+    """That the channel height over radius of a cell type was not learnt, in words; None if it was.
+
+    Of a shape that was not learnt at all nothing is said.
+    """
+    domain = model.domains.get(population.shape)
+    if domain is None or domain.holds(population.cell_at(domain.capillary_number[0]))[0]:
+        return None
+    height = population.flow.height_um / population.radius_um
+    return (
+        f"height/R {height:.3g} of cell type {population.number} was not learnt "
+        f"({NAMES[population.shape]}: {domain.words})"
+    )
 
 
 def gap_error(model: Surrogate) -> float:

@@ -33,6 +33,8 @@ EQUALS = 1e-3
 """Weight of the mean value, beside the robust one, in the choice of a cut."""
 CUTS = 121
 """Places across the device that are tried for the wall between two outlets."""
+ALONG = 64
+"""Devices in which the cells are followed along the array; its end is that of all."""
 STATIONS = 31
 """Places along the device, both ends included."""
 REACHED = (0.9, 0.95)
@@ -83,6 +85,8 @@ class Predictor(NamedTuple):
     that predicted at a gap so much wider or narrower. ``range``: least and largest share there is.
     ``lags``: by mode, measured lags in pitches, (n,). ``coexisting``: chance that a share between
     the modes is a mixture of cells that bump and cells that do not, and not one motion of all.
+    ``learnt(cells)``: whether their motion can be predicted, (C,), without it that of all;
+    the error of others is as large as the range.
     """
 
     share: Callable[..., np.ndarray]
@@ -91,6 +95,7 @@ class Predictor(NamedTuple):
     range: tuple[float, float]
     lags: Mapping[str, np.ndarray]
     coexisting: float
+    learnt: Callable[[Cells], np.ndarray] | None = None
 
 
 class Array(NamedTuple):
@@ -150,9 +155,12 @@ def make_paths(
         )
     )
     moved = gap * np.exp(predictor.gap_error * devices.numerical[population])[:, None]
-    at = (v.ravel() for v in (radius, moved, size, stiffness))
-    share = np.asarray(predictor.share(*at), float).reshape(radius.shape)
-    share = predictor.off(share, devices.deviate[population][:, None])
+    deviate = devices.deviate[population][:, None]
+    share = predictor.off(_shares(predictor, radius, moved, size, stiffness), deviate)
+    if predictor.learnt is not None:
+        least, largest = predictor.range
+        end = np.where(deviate < 0, least, largest)
+        share = np.where(predictor.learnt(cells), share, end)
     share = np.clip(share, *predictor.range)
     between = (share > ZIGZAG_TO) & (share < BUMP_FROM)
     mixture = between & (devices.coexist[population] < predictor.coexisting)[:, None]
@@ -170,11 +178,20 @@ def make_paths(
     )
 
 
+def _shares(predictor: Predictor, *at: np.ndarray) -> np.ndarray:
+    """`Predictor.share` of arguments (D, C); where all cells are alike, of one of them."""
+    alike = all(np.ptp(v, axis=1).max() == 0 for v in at[2:])
+    asked = [v[:, :1] if alike else v for v in at]
+    share = np.asarray(predictor.share(*(v.ravel() for v in asked)), float)
+    return np.broadcast_to(share.reshape(asked[0].shape), at[0].shape)
+
+
 class Split(NamedTuple):
     """What both populations give at a wall between a lower and an upper outlet.
 
     (2, D) for each population and device, but ``value`` (D,), the smallest of both purities and
-    both recoveries, and ``robust``, which EXCEEDED_BY of the devices exceed. ``upper``: the
+    both recoveries, and ``robust``, which EXCEEDED_BY of the devices exceed. NaN is what is not
+    defined: see `qualities` and `value_of`. ``upper``: the
     population, 0 or 1, that the upper outlet collects; the lower one collects the other.
     ``score``: by which splits are compared, robust and, to order those of which nothing is sure, a
     little of the mean value.
@@ -214,8 +231,7 @@ def qualities(
     """Purities and recoveries (2, 2, D, K): of each population, by the population, 0 or 1, that the
     upper outlet collects, for each device and cut.
 
-    The purity of an outlet without cells is 0; a population of which no cell enters has neither
-    (NaN).
+    An outlet without cells has no purity, a population of which no cell enters no recovery (NaN).
     """
     found = [below(p, cuts_um, x_um) for p in paths]
     entering = amounts(paths, mixture)[:, :, None]
@@ -223,48 +239,92 @@ def qualities(
     sides = np.stack([lower, np.stack([kept[:, None] - part for part, kept in found])])
     sides = np.maximum(sides, 0.0)  # lower and upper × population × D × K
     cells = sides * entering
-    total = np.maximum(cells.sum(axis=1, keepdims=True), 1e-300)
+    total = cells.sum(axis=1, keepdims=True)
+    part = np.divide(cells, total, out=np.full_like(cells, np.nan), where=total > 0)
     recovery = np.empty((2, 2, *lower.shape[1:]))
     purity = np.empty_like(recovery)
     for upper in (0, 1):
         for population in (0, 1):
             side = int(population == upper)
             recovery[population, upper] = sides[side, population]
-            purity[population, upper] = (cells / total)[side, population]
-        for values in (purity, recovery):
-            values[:, upper][entering[:, :, 0] == 0] = np.nan
+            purity[population, upper] = part[side, population]
+        recovery[:, upper][entering[:, :, 0] == 0] = np.nan
     return purity, recovery
 
 
 def value_of(purity: np.ndarray, recovery: np.ndarray) -> np.ndarray:
-    """The smallest of both purities and both recoveries that there are; populations along the first
-    axis."""
-    return np.fmin.reduce(np.fmin(purity, recovery))
+    """The smallest of both purities and both recoveries; populations along the first axis.
+
+    Where no cell of a population enters there is none (NaN). An outlet without cells recovers
+    nothing: that is 0, whatever its purity would be.
+    """
+    smallest = np.where(np.isnan(recovery), np.nan, np.fmin(purity, recovery))
+    return np.minimum.reduce(smallest)
 
 
 def best_split(
-    paths: tuple[Paths, Paths], mixture: tuple[float, float], cuts_um: np.ndarray
+    paths: tuple[Paths, Paths],
+    mixture: tuple[float, float],
+    cuts_um: np.ndarray,
+    placed_by: tuple[Paths, Paths] | None = None,
 ) -> Split:
     """The cut, of those given and rising, with the largest robust value at the end of the device.
 
     Of equals the one with the largest mean value, and the middle one of the widest run of these.
+    ``placed_by``: draws of their own by which it is chosen. The best for some draws looks better in
+    these than it is: what a split gives is told by others.
     """
-    purity, recovery = qualities(paths, mixture, cuts_um, paths[0].array.length_um)
-    value = value_of(purity, recovery)
-    fed = ~np.isnan(value).any(axis=(0, 2))  # devices that a cell enters
-    robust = np.quantile(value[:, fed], 1 - EXCEEDED_BY, axis=1)
-    score = (robust + EQUALS * value[:, fed].mean(axis=1)) / (1 + EQUALS)
-    upper = int(score[1].max() >= score[0].max())
-    k = middle_of_best(score[upper])
+    if placed_by is None:
+        upper, k = _chosen(paths, mixture, cuts_um)
+    else:
+        upper, k = _chosen(placed_by, mixture, cuts_um)
+    cut = cuts_um[k : k + 1]
+    purity, recovery = qualities(paths, mixture, cut, paths[0].array.length_um)
+    value = value_of(purity, recovery)[upper, :, 0]
+    robust, score = _judged(value) if fed(value).any() else NOTHING
     return Split(
-        float(cuts_um[k]),
+        float(cut[0]),
         upper,
-        purity[:, upper, :, k],
-        recovery[:, upper, :, k],
-        value[upper, :, k],
-        float(robust[upper, k]),
-        float(score[upper, k]),
+        purity[:, upper, :, 0],
+        recovery[:, upper, :, 0],
+        value,
+        float(robust),
+        float(score),
     )
+
+
+NOTHING = (np.nan, 0.0)
+"""Robust value and score where no device is fed with both populations."""
+
+
+def fed(value: np.ndarray) -> np.ndarray:
+    """Which devices, along the first axis, both populations enter: all others have no value."""
+    return ~np.isnan(value)
+
+
+def _judged(value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Robust value and score of the values of devices, along the first axis, that are fed."""
+    known = value[fed(value if value.ndim == 1 else value[:, 0])]
+    robust = np.quantile(known, 1 - EXCEEDED_BY, axis=0)
+    return robust, (robust + EQUALS * known.mean(axis=0)) / (1 + EQUALS)
+
+
+def _chosen(
+    paths: tuple[Paths, Paths], mixture: tuple[float, float], cuts_um: np.ndarray
+) -> tuple[int, int]:
+    """The population that the upper outlet collects, and the index of the best cut.
+
+    Where no device is fed with both populations, by the one that there is.
+    """
+    found = qualities(paths, mixture, cuts_um, paths[0].array.length_um)
+    values = value_of(*found)
+    if not fed(values).any():
+        values = np.fmin.reduce(np.fmin(*found))
+    if not fed(values).any():
+        return 1, len(cuts_um) // 2
+    score = np.stack([_judged(value)[1] for value in values])
+    upper = int(score[1].max() >= score[0].max())
+    return upper, middle_of_best(score[upper])
 
 
 def middle_of_best(values: np.ndarray) -> int:
@@ -280,6 +340,7 @@ class Course(NamedTuple):
 
     ``x_um`` (X,); ``value`` (X, D): with the best cut at each place; ``lengths_um`` (2, D): where
     it first is REACHED of the final one, interpolated, NaN where that is no more than at the inlet.
+    D: the first ALONG devices.
     """
 
     x_um: np.ndarray
@@ -291,6 +352,7 @@ def course(
     paths: tuple[Paths, Paths], mixture: tuple[float, float], cuts_um: np.ndarray, upper: int
 ) -> Course:
     """Value along the device where the upper outlet collects population ``upper``."""
+    paths = (some_devices(paths[0], ALONG), some_devices(paths[1], ALONG))
     x = np.linspace(0, paths[0].array.length_um, STATIONS)
     value = np.stack(
         [
@@ -304,9 +366,14 @@ def course(
     return Course(x, value, np.stack(lengths))
 
 
-def nowhere(draws: int) -> Course:
-    """The course of a device that was looked at only at its end."""
-    return Course(np.empty(0), np.empty((0, draws)), np.full((len(REACHED), draws), np.nan))
+NOWHERE = Course(np.empty(0), np.empty((0, 0)), np.empty((len(REACHED), 0)))
+"""The course of a device that was looked at only at its end."""
+
+
+def some_devices(paths: Paths, count: int) -> Paths:
+    """The first of the devices."""
+    names = ("share", "lag", "lost", "weight")
+    return paths._replace(**{name: getattr(paths, name)[:count] for name in names})
 
 
 def first_reached(x: np.ndarray, value: np.ndarray, part: float) -> np.ndarray:

@@ -25,6 +25,7 @@ from dldsim.design.cell_source import CellSource
 from dldsim.design.chip import Chip
 from dldsim.design.motion import UNKNOWN, History
 from dldsim.design.neighbourhood import slices, tolerances
+from dldsim.design.outlet_task import OutletTask
 from dldsim.design.populations import Population, rows_of
 from dldsim.design.task import DECIMALS, NONE_BETTER, Task, check, mend
 from dldsim.vocabulary import GEOMETRY
@@ -59,9 +60,10 @@ def search(
     each: Each | None = None,
     sources: Sequence[CellSource] | None = None,
     history: Sequence[History] = (UNKNOWN, UNKNOWN),
+    outlets: OutletTask | None = None,
 ) -> Found:
     """Ranked candidates and all trials of one request; ``populations``: its cell types, ``chip``:
-    at its flow, ``sources`` and ``history`` as of `Task`.
+    at its flow, ``sources``, ``history`` and ``outlets`` as of `Task`.
 
     Maximised is the request's objective over continuous P_r and P_g (to 10 nm) and whole N_p, by
     multivariate TPE or over a grid. Geometry that violates a constraint is recorded, not evaluated
@@ -87,7 +89,7 @@ def search(
     Raises DldsimError for a shape or a capillary number that was not learnt, two equal cell types,
     no feasible geometry, or a pressure limit without a table of flows.
     """
-    task = Task(surrogate, request, populations, chip, seed, sources, history)
+    task = Task(surrogate, request, populations, chip, seed, sources, history, outlets)
     check(task)
     if request.sampler == "grid":
         trials, importance = _try_grid(task)

@@ -14,7 +14,7 @@ from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest, is_giv
 from dldsim.design.cell_source import CellSource, make_sources
 from dldsim.design.chip import Chip
 from dldsim.design.draws import sobol
-from dldsim.design.motion import UNKNOWN, History
+from dldsim.design.motion import UNKNOWN, History, height_not_learnt
 from dldsim.design.outlet_task import NARROW, SHORT, OutletTask
 from dldsim.design.outlet_task import OBJECTIVE as OUTLETS
 from dldsim.design.populations import Population
@@ -71,7 +71,8 @@ class Task:
     """One request on one surrogate: predictions for both cell types over arrays of geometries.
 
     ``sources``: where their cells come from, by default as the request says; ``history``: what
-    outcomes say of their transients. A gap must pass all but one cell in a hundred.
+    outcomes say of their transients; ``outlets``: the same request at its outlets, where that has
+    draws of its own. A gap must pass all but one cell in a hundred.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class Task:
         seed: int,
         sources: Sequence[CellSource] | None = None,
         history: Sequence[History] = (UNKNOWN, UNKNOWN),
+        outlets: OutletTask | None = None,
     ):
         self.surrogate, self.request, self.chip, self.seed = surrogate, request, chip, seed
         self.sources = make_sources(request, populations) if sources is None else sources
@@ -91,7 +93,7 @@ class Task:
             for p, s in zip(populations, self.sources, strict=True)
         ]
         self.cells = [population.cell for population in populations]
-        self.outlets = OutletTask(surrogate, request, self.sources, history, chip, seed)
+        self.outlets = outlets or OutletTask(surrogate, request, self.sources, history, chip, seed)
 
     def angles(self, radius, gap, periodicity) -> tuple[np.ndarray, np.ndarray]:
         """Predicted angles [deg] of both cell types."""
@@ -134,7 +136,7 @@ class Task:
         both stiffnesses, normal deviates of both prediction errors, levels of both radii."""
         from scipy.stats import norm
 
-        points = sobol(self.request.draws, 8, self.seed)
+        points = sobol(self.request.angle_draws, 8, self.seed)
         normal = norm.ppf(np.clip(points[4:6], 1e-6, 1 - 1e-6))
         return np.vstack([2 * points[:2] - 1, points[2:4], normal, points[6:]])
 
@@ -288,16 +290,8 @@ def violations(
 
 def extrapolated(task: Task) -> list[str]:
     """Cell types whose channel height over radius was not learnt, in words."""
-    found = []
-    for population in task.populations:
-        domain = task.surrogate.domains[population.shape]
-        if not domain.holds(population.cell_at(domain.capillary_number[0]))[0]:
-            height = population.flow.height_um / population.radius_um
-            found.append(
-                f"height/R {height:.3g} of cell type {population.number} was not learnt "
-                f"({NAMES[population.shape]}: {domain.words})"
-            )
-    return found
+    found = (height_not_learnt(task.surrogate, population) for population in task.populations)
+    return [words for words in found if words is not None]
 
 
 def check_cell(name: str, population: Population, surrogate: Surrogate) -> None:

@@ -52,7 +52,8 @@ def write_report(directory: Path, output: Path) -> None:
 
 
 def _masks(page: Page) -> dict | None:
-    paths = sorted((page.results / "files").glob("*.mask.png"))
+    request = page["designs"]["request"].iloc[0]
+    paths = sorted((page.results / "files").glob(f"{request}-*.mask.png"))
     return {"masks": [page.image(path) for path in paths]} if paths else None
 
 

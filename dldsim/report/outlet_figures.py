@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from dldsim.report.formats import percent
 from dldsim.report.style import GREY, key, legend, styled
 
 POPULATION_COLOUR = {1: "#0072B2", 2: "#D55E00"}
@@ -64,8 +65,8 @@ def draw_fan(tables: Mapping[str, pd.DataFrame]) -> Figure:
             fan.text(
                 0.02 * length,
                 window(along, walls)[1] if row.outlet == "upper" else window(along, walls)[0],
-                f"{row.outlet} outlet, type {row.population}: purity {row.purity:.1%}, "
-                f"recovery {row.recovery:.1%}",
+                f"{row.outlet} outlet, type {row.population}: purity {percent(row.purity)}, "
+                f"recovery {percent(row.recovery)}",
                 color=POPULATION_COLOUR[row.population],
                 va="top" if row.outlet == "upper" else "bottom",
                 fontsize=8.5,

@@ -27,13 +27,19 @@ TABLES = {
         POPULATION,
         text("outlet", "outlet that collects it: lower or upper, by the wall at cut_um"),
         *optional(
-            *_with_interval("purity", "1", "share of this type among the cells of that outlet"),
-            *_with_interval("recovery", "1", "share of the cells of this type that leave there"),
+            *_with_interval(
+                "purity", "1", "share of this type among the cells of that outlet, where any arrive"
+            ),
+            *_with_interval(
+                "recovery",
+                "1",
+                "share of the cells of this type that leave there, of draws that any enter",
+            ),
             *_with_interval(
                 "enrichment", "1", "purity over share of this type in the first sample"
             ),
+            *_with_interval("lost", "1", "share of this type that needs more width than the gap"),
         ),
-        *_with_interval("lost", "1", "share of this type that needs more width than the gap"),
         real("recovery_of_sample", "1", "recovery over all stages so far, median"),
         real("share_bump", "1", "share of the drawn cells that bump"),
         real("share_mixed", "1", "share of the drawn cells in mixed mode"),
@@ -43,9 +49,13 @@ TABLES = {
         real("radius_99_um", "µm", "radius that one cell in a hundred exceeds"),
         real("ks_mean_uN_per_m", "µN/m", "geometric mean of k_s of the drawn cells"),
         real("cut_um", "µm", "middle of the wall between the outlets above the lower side wall"),
-        real("purity_recovery", "1", "smallest purity or recovery, exceeded by nine of ten draws"),
-        *_with_interval("value", "1", "smallest of both purities and both recoveries"),
         *optional(
+            real(
+                "purity_recovery",
+                "1",
+                "smallest purity or recovery, exceeded by nine of ten draws that both types enter",
+            ),
+            *_with_interval("value", "1", "smallest of both purities and both recoveries"),
             *_with_interval(
                 "length_90_mm", "mm", "length at which it first is 90 % of that; null: never grows"
             ),
@@ -66,9 +76,17 @@ TABLES = {
         real("low_um", "µm", "middle of its lower wall above the lower side wall"),
         real("high_um", "µm", "middle of its upper wall"),
         count("collects", "cell type that it is meant for, after the wall at cut_um"),
-        *_with_interval("cells_1", "1", "share of the entering cells of type 1 that leave here"),
-        *_with_interval("cells_2", "1", "share of the entering cells of type 2 that leave here"),
-        *_with_interval("purity_1", "1", "share of type 1 among the cells that leave here"),
+        *optional(
+            *_with_interval(
+                "cells_1", "1", "share of the entering cells of type 1 that leave here"
+            ),
+            *_with_interval(
+                "cells_2", "1", "share of the entering cells of type 2 that leave here"
+            ),
+            *_with_interval(
+                "purity_1", "1", "share of type 1 among the cells that leave here, where any do"
+            ),
+        ),
     ),
     "device_positions": table(
         None,
@@ -81,7 +99,9 @@ TABLES = {
         real("y_50_um", "µm", "that half are below"),
         real("y_75_um", "µm", "that 75 % are below"),
         real("y_95_um", "µm", "that 95 % are below"),
-        *_with_interval("value", "1", "smallest purity or recovery with the best cut here"),
+        *optional(
+            *_with_interval("value", "1", "smallest purity or recovery with the best cut here")
+        ),
     ),
     "device_exits": table(
         None,

@@ -37,6 +37,15 @@ def test_a_campaign_that_learnt_from_the_survey_has_it_among_its_tables(
         finished_campaign.read_campaign(tmp_path, Device(), 2.0)
 
 
+def test_a_field_that_is_named_as_nothing_is_not_named(campaign):
+    known = finished_campaign.read_campaign(campaign, Device(), 2.0)
+    config = validate(Partial, {"flow": {"mean_velocity_mm_s": 5.0}})
+    indices = {"deformation_index_1": 0.5, "deformation_index_2": 0.7}
+    request = DesignRequest(name="r", **indices, radius_1_um=7, radius_2_um=7, velocity_mm_s=None)
+    with pytest.raises(DldsimError, match=r"mean_velocity_mm_s = 5\.0 .* --velocity"):
+        finished_campaign.check_settings(config, known, request)
+
+
 @pytest.mark.parametrize(("key", "value"), [("contact_range_um", 0.1), ("area_forces", "gradient")])
 def test_numerics_that_say_what_a_cell_is_matter_to_every_answer(campaign, key, value):
     known = finished_campaign.read_campaign(campaign, Device(), 2.0)

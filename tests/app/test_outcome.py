@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 import time
 
 import numpy as np
@@ -100,6 +101,97 @@ def test_a_design_and_a_cascade_by_files(capsys, campaign, designed):
     assert code == 0 or not fed and "no cell leaves" in message
     if code == 0:
         assert [row["stage"] for row in summary["outcomes"]] == [1, 1, 2, 2]
+
+
+def test_a_design_by_its_file_has_the_device_of_its_mask(capsys, campaign, designed):
+    """Array length and wall are those of the mask, and so is what was said to come out of it."""
+    folder, _ = designed
+    path = folder / "files/request-candidate-1.json"
+    mask = json.loads(path.read_text(encoding="utf-8"))["device"]
+    rows = read_rows("device_outcomes", folder / "device_outcomes.parquet")
+    code, summary, _ = outcome(capsys, campaign, "--design", path, *FEW)
+    assert code == 0
+    found = summary["outcomes"][0]
+    assert found["array_length_mm"] == pytest.approx(mask["array_length_um"] / 1e3)
+    assert found["array_length_mm"] < 4  # the setting is 5 mm
+    assert [row["low_um"] for row in summary["outlets"]][1:] == mask["outlet_walls_um"]
+    for name in ("purity", "recovery", "purity_recovery", "cut_um"):
+        assert found[name] == pytest.approx(rows[0][name], abs=1e-12)
+
+
+def test_the_wall_of_a_mask_stays_where_it_is(capsys, campaign, designed):
+    path = designed[0] / "files/request-candidate-1.json"
+    words, short = ["--design", path, *FEW], ["--array-length-mm", 1.5]
+    walls = [
+        outcome(capsys, campaign, *words, *more)[1]["outlets"][1]["low_um"]
+        for more in ([], short, [*short, "--outlets", 2])
+    ]
+    mask = json.loads(path.read_text(encoding="utf-8"))["device"]
+    assert walls[:2] == 2 * mask["outlet_walls_um"] and walls[2] != walls[0]
+    notes = outcome(capsys, campaign, *words, *short)[1]["notes"]
+    assert "--outlets places them anew" in notes[0]
+    narrow = ["--array-width-mm", 0.5]
+    code, _, message = outcome(capsys, campaign, *words, *narrow)
+    assert code == 2 and "--outlets places them anew" in message
+
+
+def test_settings_that_a_design_was_made_without_are_refused(capsys, campaign, designed, tmp_path):
+    """As without a design; what the design was made with may be named, and an option goes over."""
+    path, config = designed[0] / "files/request-candidate-1.json", tmp_path / "other.yaml"
+    words = ["--design", path, *FEW, "--config", config]
+    for text, parts in (
+        ("device: {array_width_mm: 1.5}", ["array_width_mm = 1.5", "candidate-1", "with 2.0"]),
+        ("device: {outlets: 3}", ["outlets = 3", "made with 2", "--outlets"]),
+        ("device: {outlet_walls_um: [900]}", ["outlet_walls_um"]),
+        ("flow: {mean_velocity_mm_s: 2}", ["mean_velocity_mm_s = 2", "--velocity"]),
+        ("flow: {height_um: 60}", ["height_um = 60", "--height"]),
+        ("cell: {shape: sphere}", ["cell.shape = sphere", "--shape1"]),
+    ):
+        config.write_text(text + "\n", encoding="utf-8")
+        code, _, message = outcome(capsys, campaign, *words)
+        assert code == 2 and all(part in message for part in parts), message
+    config.write_text("device: {array_length_mm: 5, outlets: 2, array_width_mm: 1.9}\n")
+    assert outcome(capsys, campaign, *words, "--array-width-mm", 1.8)[0] == 0
+
+
+def test_a_second_design_that_was_made_for_others_is_told(capsys, campaign, designed, tmp_path):
+    one = designed[0] / "files/request-candidate-1.json"
+    record = json.loads(one.read_text(encoding="utf-8"))
+    record["request"] |= {"radius_2_um": 9.0, "height_um": 60.0}
+    two = tmp_path / "two.json"
+    two.write_text(json.dumps(record), encoding="utf-8")
+    words = ["--design", one, *FEW, "--from-outlet", 2, "--then"]
+    code, summary, message = outcome(capsys, campaign, *words, two)
+    assert code == 0, message
+    [note] = [note for note in summary["notes"] if "was made for" in note]
+    assert "radius_2_um = 9.0, height_um = 60.0; here" in note and "radius_2_um = 8.0" in note
+    summary = outcome(capsys, campaign, *words, one)[1]
+    assert not any("was made for" in note for note in summary["notes"])
+
+
+def test_both_commands_draw_the_same(capsys, campaign):
+    bounds = [w for name, v in zip(ARRAY[::2], ARRAY[1::2], strict=True) for w in (name, v, v)]
+    words = [*CELLS, *FEW, "--seed", 3]
+    found = [
+        call(capsys, "design", *bounds, *words, "--trials", 2, "--results", campaign)[1],
+        outcome(capsys, campaign, *ARRAY, *words)[1],
+    ]
+    one, two = ([{**row, "device": ""} for row in f["outcomes"]] for f in found)
+    for row in (*one, *two):
+        row.pop("request")
+    assert one == two
+
+
+def test_a_device_that_was_not_learnt_is_warned_of(capsys, campaign):
+    words = [*ARRAY, *CELLS, *FEW, "--height", 300]
+    code, summary, message = outcome(capsys, campaign, *words)
+    assert code == 0, message
+    assert [row["extrapolated"] for row in summary["outcomes"]] == [1.0, 1.0]
+    assert sum(note.startswith("extrapolated: 100%") for note in summary["notes"]) == 2
+    assert "height/R 54.5 of cell type 1 was not learnt" in " ".join(summary["notes"])
+    assert all(row["recovery_low"] < 0.2 for row in summary["outcomes"])
+    assert cli.main(["outcome", *map(str, words), "--results", str(campaign)]) == 0
+    assert "note: extrapolated" in capsys.readouterr().out
 
 
 def test_options_go_over_the_design(capsys, campaign, designed):
@@ -309,3 +401,52 @@ def test_measured_cells_need_no_distribution(capsys, campaign, tmp_path):
     code, summary, message = outcome(capsys, campaign, *words, "--population1", tmp_path / "a.csv")
     assert code == 0, message
     assert summary["request"]["radius_std_1_um"] > 2
+
+
+def names_in(folder):
+    return sorted(path.name for path in (folder / "files").iterdir())
+
+
+def test_files_of_another_request_of_this_name_go(capsys, campaign, tmp_path):
+    """Three candidates, then one of other cells: the others' masks would look like its own."""
+    few = [*FEW, "--trials", 20, "--startup-trials", 15, "--results", campaign]
+    out = tmp_path / "used"
+    words = ["design", *CELLS, *few, "--output", out, "--candidates"]
+    assert call(capsys, *words, 3)[0] == 0
+    first = names_in(out)
+    (out / "files" / "request-notes.txt").write_text("mine")
+    shutil.copy(out / "files" / "request-candidate-3.gds", out / "files" / "other-candidate-3.gds")
+    shutil.copy(out / "files" / "request-candidate-3.json", out / "files" / "request-1.json")
+    code, summary, _ = call(capsys, *words, 3)  # the same once more: nothing is of another
+    assert (code, summary["removed"]) == (0, [])
+    assert set(first) | {"request-1.json"} < set(names_in(out))
+    # as if it were of a simulated check
+    shutil.copy(out / "device_outlets.parquet", out / "verified_designs.parquet")
+    assert cli.main([*map(str, [*words, 1, "--r2", 8.5])]) == 0
+    left = names_in(out)
+    assert [n for n in left if n.startswith("request-candidate-")] == [
+        n for n in first if n.startswith("request-candidate-1.")
+    ]
+    assert {"request-notes.txt", "other-candidate-3.gds"} < set(left)
+    assert "request-1.json" not in left and not (out / "verified_designs.parquet").exists()
+    assert capsys.readouterr().out.count("removed, of an earlier request: ") == 4 + 4 + 1 + 1
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        ([], "as long as device.array_length_mm, 5 mm, in whole rows"),
+        (
+            ["--objective", "purity-recovery", "--footprint-max-mm2", 3],
+            "as long as footprint_max_mm2 and device.array_length_mm, 5 mm, allow",
+        ),
+    ],
+)
+def test_how_long_the_array_of_a_mask_is(words, part, capsys, campaign, tmp_path):
+    few = [*FEW, "--trials", 15, "--startup-trials", 15, "--candidates", 1, "--results", campaign]
+    asked = ["design", *CELLS, *few, *words, "--output", tmp_path / "a"]
+    assert cli.main([*map(str, asked)]) == 0
+    assert part in capsys.readouterr().out
+    record = json.loads((tmp_path / "a/files/request-candidate-1.json").read_text("utf-8"))
+    length = f"whole rows that fit into {'1.5' if words else '5'} mm"
+    assert any(length in note for note in record["device"]["notes"])

@@ -8,12 +8,13 @@ from dldsim.config.design_sections import DesignRequest, Device
 from dldsim.config.sections import Flow, Geometry
 from dldsim.design.cell_source import make_sources
 from dldsim.design.chip import Chip
-from dldsim.design.device_outcome import device_outcome, tables_of
+from dldsim.design.device_outcome import device_outcome, tables_of, warnings_of
 from dldsim.design.measured_cells import read_measured
 from dldsim.design.motion import UNKNOWN
 from dldsim.design.outlet_task import OutletTask
 from dldsim.design.verified import Verdicts, devices_of
 from dldsim.errors import DldsimError
+from dldsim.report.outlet_figures import draw_fan
 from dldsim.tables.parquet import write_table
 from tests.design.test_motion import GEOMETRY, Law, population, row
 
@@ -118,7 +119,112 @@ def test_cells_wider_than_the_gap_are_lost():
 
 def test_cells_outside_what_was_learnt_are_told():
     wide = Geometry(pillar_radius_um=7, gap_um=21, periodicity=10)
-    assert outcome(geometry=wide).extrapolated == (1.0, 1.0)
+    found = outcome(geometry=wide)
+    assert found.extrapolated == (1.0, 1.0)
+    told = warnings_of([found, found])
+    assert [note[:53] for note in told] == [
+        f"extrapolated: 100% of the cells of type {k} in d: array" for k in (1, 2)
+    ]
+    assert warnings_of([outcome()]) == []
+
+
+def test_outlets_of_an_array_that_was_not_learnt_say_nothing():
+    """The surrogate is sure of a complete separation, where it knows nothing."""
+    found = outcome(
+        ask(draws=256), geometry=Geometry(pillar_radius_um=7, gap_um=21, periodicity=10)
+    )
+    rows = tables_of([found])["device_outcomes"]
+    for name in ("purity", "recovery"):
+        assert (rows[f"{name}_low"] < 0.1).all() and (rows[f"{name}_high"] > 0.9).all()
+    assert rows["purity_recovery"].max() < 0.1
+
+
+def unsure(size=7.0):
+    """A surrogate that is sure of neither cell type."""
+    return Law(
+        lambda r, g, n, radius, ca: np.where(radius > size, 0.8, 0.2),
+        scores=[[0.008 * i] for i in range(99)],
+        sigma={"bump": 0.1},
+    )
+
+
+def test_a_result_does_not_depend_on_which_type_is_called_the_first():
+    cells = {"radius_1_um": 6.0, "radius_2_um": 8.0, "radius_std_2_um": 0.5}
+    turned = {"radius_2_um": 6.0, "radius_1_um": 8.0, "radius_std_1_um": 0.5}
+    one, two = (outcome(ask(draws=64, **c), unsure()).split for c in (cells, turned))
+    assert one.robust == two.robust and one.cut_um == two.cut_um and one.upper != two.upper
+    np.testing.assert_array_equal(one.recovery, two.recovery[::-1])
+
+
+def test_what_nine_of_ten_exceed_is_the_same_for_all_seeds_but_for_a_few_per_cent():
+    found = []
+    for seed in range(8):
+        request = ask(draws=None)
+        split = device_outcome(
+            request, "d", GEOMETRY, DEVICE, sources(request), unsure(), (UNKNOWN, UNKNOWN), seed,
+            along=False,
+        ).split  # fmt: skip
+        found.append(split.robust)
+    assert 0.2 < np.mean(found) < 0.9 and np.std(found) < 0.01
+
+
+def test_a_wall_that_is_placed_says_the_same_as_one_that_is_given():
+    """A mask has the wall that was placed: what comes out of it is what was said then."""
+    first = outcome(ask(draws=64), unsure())
+    given = DEVICE.model_copy(update={"outlet_walls_um": list(first.walls_um)})
+    again = outcome(ask(draws=64), unsure(), given)
+    assert again.split.robust == first.split.robust
+    np.testing.assert_array_equal(again.split.purity, first.split.purity)
+
+
+def test_a_type_that_never_enters_is_undefined_in_every_table(tmp_path):
+    """The lower outlet of a complete separation feeds the second device with one type alone."""
+    first = outcome()
+    second = outcome(inflow=first.inflow(1))
+    tables = tables_of([first, second])
+    rows = tables["device_outcomes"][2:].set_index("population")
+    assert rows["recovery"][1] == rows["purity"][1] == 1.0
+    for name in ("recovery", "lost", "purity_recovery", "value"):
+        assert np.isnan(rows[name][2])
+    assert rows["recovery_of_sample"].tolist() == [1.0, 0.0]
+    outlets = tables["device_outlets"][2:]
+    assert outlets["cells_2"].isna().all() and outlets["cells_1"].sum() == 1.0
+    assert sorted(outlets["purity_1"].isna()) == [False, True]  # one outlet gets all, one nothing
+    for kind, table in tables.items():
+        write_table(kind, table, tmp_path / f"{kind}.parquet", {})
+    assert any("type 2 enter d at stage 2 in 0.0% of the draws" in n for n in warnings_of([second]))
+    assert draw_fan(tables)
+
+
+def test_outlet_tables_and_types_say_the_same_of_a_rare_type():
+    """A few draws send cells of the second type to the lower outlet: both tables are of these."""
+    first = outcome(ask(draws=64), unsure())
+    collects = 2 if first.split.upper == 0 else 1
+    second = outcome(ask(draws=64), unsure(), inflow=first.inflow(collects))
+    enters = second.paths[1].weight.any(axis=1)
+    assert 0 < enters.mean() < 1
+    tables = tables_of([second])
+    for one in tables["device_outcomes"].to_dict("records"):
+        number = 2 if one["outlet"] == "upper" else 1
+        outlet = tables["device_outlets"].set_index("outlet").loc[number]
+        for end in ("", "_low", "_high"):
+            assert outlet[f"cells_{one['population']}{end}"] == one[f"recovery{end}"]
+        pure = [outlet[f"purity_1{end}"] for end in ("", "_low", "_high")]
+        if one["population"] == 2:
+            pure = [1 - pure[i] for i in (0, 2, 1)]
+        assert [one[f"purity{end}"] for end in ("", "_low", "_high")] == pytest.approx(pure)
+    assert np.isnan(second.split.value[~enters]).all()
+
+
+def test_an_outlet_that_nothing_reaches_has_no_purity():
+    """Both types follow the flow to the lower outlet: the upper one is empty, pure of neither."""
+    still = Law(lambda r, g, n, size, ca: 0 * size)
+    found = outcome(ask(tolerance_um=0), still, BETWEEN)
+    tables = tables_of([found])
+    [empty] = [r for r in tables["device_outcomes"].to_dict("records") if r["recovery"] == 0]
+    assert np.isnan(empty["purity"]) and np.isnan(empty["enrichment"])
+    assert tables["device_outlets"]["purity_1"].isna().tolist() == [False, True]
+    assert found.split.robust == 0.0  # what recovers nothing is no separation
 
 
 def test_outlets_add_up():

@@ -25,6 +25,8 @@ class Law:
     """A surrogate with the interface of the real one and a formula for the share of the bump
     displacement; it learnt gaps up to 20 µm."""
 
+    domains = {}
+
     def __init__(self, law, scores=((0.0,),) * 99, sigma=None):
         self.law = law
         self.card = {

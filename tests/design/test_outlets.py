@@ -147,13 +147,15 @@ def test_motions_that_coexist_are_a_mixture():
 
 
 def test_a_cell_wider_than_the_gap_is_lost():
-    """Neither outlet recovers it, and it makes no outlet impure."""
+    """Neither outlet recovers it, it makes no outlet impure, and one that nothing else reaches has
+    no purity."""
     two = devices(2, off_gap_um=np.array([0.0, -2.0]))
     wide = make_paths(ARRAY, cells(squeezed=15.0), two, 0, normal_shares(0.0, 0.0))
     thin = make_paths(ARRAY, cells(), two, 1, normal_shares(1.0, 0.0))
     split = best_split((wide, thin), (0.5, 0.5), np.array([700.0]))
     np.testing.assert_allclose(split.recovery, [[1.0, 0.0], [1.0, 1.0]])
-    np.testing.assert_allclose(split.purity, [[1.0, 0.0], [1.0, 1.0]])
+    np.testing.assert_allclose(split.purity, [[1.0, np.nan], [1.0, 1.0]])
+    assert split.value.tolist() == [1.0, 0.0]
 
 
 def test_populations_that_are_the_same_are_not_parted():
@@ -211,7 +213,7 @@ def test_a_second_stage_gets_what_leaves_the_first():
     assert value_of(purity, recovery)[1, 0, 0] == 0.0
 
 
-def test_a_population_that_never_enters_has_no_purity():
+def test_a_population_that_never_enters_has_no_recovery():
     """The other is then as pure as it can be; a device that nothing enters counts for nothing."""
     weight = np.array([[0.0], [1.0], [0.0]]) * np.ones(100)
     both = np.array([[1.0], [1.0], [0.0]]) * np.ones(100)
@@ -222,4 +224,51 @@ def test_a_population_that_never_enters_has_no_purity():
     )
     split = best_split(paths, (0.5, 0.5), np.array([700.0]))
     np.testing.assert_array_equal(split.purity, [[np.nan, 1, np.nan], [1, 1, np.nan]])
-    assert split.robust == 1.0 and np.isnan(split.value[2])
+    np.testing.assert_array_equal(split.recovery, [[np.nan, 1, np.nan], [1, 1, np.nan]])
+    np.testing.assert_array_equal(
+        split.value, [np.nan, 1, np.nan]
+    )  # of one type alone there is none
+    assert split.robust == 1.0
+
+
+def test_where_both_never_enter_nothing_is_the_smallest_of_both():
+    weight = np.zeros((2, 100)), np.ones((2, 100))
+    paths = tuple(
+        make_paths(ARRAY, cells(count=100), devices(2), k, normal_shares(1.0 * k, 0.0), weight[k])
+        for k in (0, 1)
+    )
+    split = best_split(paths, (0.5, 0.5), np.array([700.0, 800.0]))
+    assert np.isnan(split.robust) and np.isnan(split.value).all() and split.score == 0.0
+    assert split.upper == 1 and (split.recovery[1] == 1.0).all()
+
+
+def test_a_wall_is_judged_by_other_draws_than_it_was_placed_by():
+    """The best of many walls for some draws is not the best for others: theirs tell what it is."""
+
+    def drawn(seed):
+        rng = np.random.default_rng(seed)
+        off = devices(16, deviate=rng.uniform(-1, 1, (2, 16)))
+        move = {"off": lambda s, u: s + 0.5 * u}
+        asked = [predictor(lambda *at, k=k: 0.5 * k + at[3], **move) for k in (0, 1)]
+        return tuple(make_paths(ARRAY, cells(count=16), off, k, asked[k]) for k in (0, 1))
+
+    cuts = np.linspace(300, 1500, 121)
+    placing, telling = drawn(1), drawn(2)
+    own = best_split(placing, (0.5, 0.5), cuts)
+    told = best_split(telling, (0.5, 0.5), cuts, placing)
+    assert told.cut_um == own.cut_um and told.upper == own.upper
+    there = best_split(telling, (0.5, 0.5), np.array([own.cut_um]))
+    np.testing.assert_array_equal(told.value, there.value)
+    assert told.robust < best_split(telling, (0.5, 0.5), cuts).robust
+
+
+def test_the_error_of_what_was_not_learnt_is_as_large_as_the_range():
+    """As the interval of the angle is: between its ends nothing is more likely than they."""
+    off = devices(201, deviate=np.stack([np.linspace(-1, 1, 201)] * 2))
+    known = predictor(
+        lambda *at: 1 + 0 * at[3], range=(-0.1, 1.0), learnt=lambda c: c.ks_uN_per_m < 0.5
+    )
+    path = make_paths(ARRAY, cells(count=100), off, 0, known)
+    assert (path.share[:, :50] == 1.0).all()
+    np.testing.assert_array_equal(path.share[:100, 50:], -0.1)
+    np.testing.assert_array_equal(path.share[101:, 50:], 1.0)

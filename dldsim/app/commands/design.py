@@ -21,6 +21,9 @@ from dldsim.config.configuration import Sweep
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.config.explain import check_value, validate
 
+LENGTH_LIMITS = ("footprint_max_mm2", "pressure_max_kPa")
+"""What limits the length of an array beside the device, with the objective purity-recovery."""
+
 
 def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     """Geometries that separate two cell types best."""
@@ -52,7 +55,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     finished_campaign.check_settings(config, known, request, args.verify)
     budget = Verification() if config is None else config.verification
     made = design_answers.make_designs(request, known, seed, budget, measured=measured)
-    found, verdicts, files = made.found, None, []
+    found, verdicts, files, removed = made.found, None, [], []
     if args.verify:
         with Display() as progress:
             verdicts = design_answers.verify_request(
@@ -66,8 +69,10 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
                 progress=progress,
                 measured=measured,
             )
-        files += sorted(map(str, (output / "files").iterdir()))
     if output is not None:
+        removed = design_answers.remove_stale(made, output, verdicts)
+        own = (output / "files").glob(f"{request.name}-*")
+        files = sorted(map(str, own)) if args.verify else []
         written = design_answers.write_designs(made, known, output, verdicts)
         files = list(dict.fromkeys([*map(str, written), *files]))
     summary = {
@@ -87,6 +92,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         "verified_designs": None if verdicts is None else records(verdicts.designs),
         "verifications": None if verdicts is None else records(verdicts.verifications),
         "files": files,
+        "removed": list(map(str, removed)),
     }
     return summary, _design_lines(summary)
 
@@ -144,8 +150,7 @@ def _design_lines(summary: Mapping) -> list[str]:
         "in brackets: 90 % intervals anywhere in the interval of k_s; ± uncertainty: half of the "
         "90 % interval; robust: exceeded by nine of ten draws",
         f"length: of array that parts the two by {request['lateral_separation_um']:g} µm "
-        "(lateral_separation_um); the mask's array is as long as device.array_length_mm, "
-        f"{summary['device']['array_length_mm']:g} mm, in whole rows",
+        f"(lateral_separation_um); {_mask_line(summary)}",
         f"pressure drop over that length: {'; '.join(pressure)}; throughput "
         f"{designs[0]['throughput_uL_per_h']:.3g} µL/h",
         "",
@@ -174,7 +179,21 @@ def _design_lines(summary: Mapping) -> list[str]:
         lines += ["", "Add --verify to simulate both cell types in the best designs."]
     else:
         lines += ["", *_verified_lines(summary)]
+    lines += [f"removed, of an earlier request: {path}" for path in summary["removed"]]
     return lines + [f"written: {path}" for path in summary["files"]]
+
+
+def _mask_line(summary: Mapping) -> str:
+    """How long the array of the masks is, and why."""
+    request = summary["request"]
+    setting = f"device.array_length_mm, {summary['device']['array_length_mm']:g} mm"
+    limits = [key for key in LENGTH_LIMITS if request[key] is not None]
+    if request["objective"] != "purity-recovery" or not limits:
+        return f"the mask's array is as long as {setting}, in whole rows"
+    return (
+        f"the mask's array is as long as {' and '.join(limits)} and {setting}, allow, in whole "
+        "rows: array [mm] below"
+    )
 
 
 def _population_lines(cell: Mapping) -> list[str]:

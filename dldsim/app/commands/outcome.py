@@ -1,10 +1,18 @@
 """What comes out of a device: `outcome`."""
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from dldsim.app.commands.options import add_command, add_config, add_option, add_seed, whole
+from dldsim.app.commands.options import (
+    add_command,
+    add_config,
+    add_option,
+    add_seed,
+    option_of,
+    whole,
+)
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
 from dldsim.app.commands.populations import add_populations, request_of
 from dldsim.app.commands.settings import configuration, given_by, safety_distance_um, seed_of
@@ -15,8 +23,14 @@ from dldsim.errors import DldsimError
 from dldsim.files import atomic_path
 from dldsim.vocabulary import GEOMETRY
 
+if TYPE_CHECKING:
+    from dldsim.app.asked import Asked
+    from dldsim.app.outcome_answers import Design
+
 DEVICE = ("array_length_mm", "array_width_mm", "sample_position_mm", "sample_width_um", "outlets")
 """Settings of the device that have options."""
+ACTS = (*DEVICE, "divider_um", "outlet_walls_um")
+"""Settings of the device that what comes out depends on."""
 
 
 def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
@@ -25,7 +39,7 @@ def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     from dldsim.app.asked import ask
     from dldsim.app.design_answers import resolve_by
     from dldsim.design import finished_campaign
-    from dldsim.design.device_outcome import tables_of
+    from dldsim.design.device_outcome import tables_of, warnings_of
     from dldsim.design.populations import doubt
 
     config = configuration(args.config)
@@ -69,7 +83,7 @@ def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         "designs": [d.geometry.model_dump() | {"name": d.name} for d in designs],
         "device": designs[0].device.model_dump(),
         "learnt": known.model.holds_for,
-        "notes": asked.notes,
+        "notes": [*_notes(args, designs, asked), *asked.notes, *warnings_of(found)],
         "outcomes": records(tables["device_outcomes"]),
         "outlets": records(tables["device_outlets"]),
         "checks": records(tables["device_checks"]) if "device_checks" in tables else None,
@@ -80,7 +94,10 @@ def outcome(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
 
 def _designs(args: argparse.Namespace, device: Device | None) -> list:
-    """The first design, and the second if there is one; options of the device over their own."""
+    """The first design, and the second if there is one; options of the device over its own.
+
+    ``device``: of the configuration, which must not contradict that of a design.
+    """
     from dldsim.app.outcome_answers import Design, read_design
 
     place = given_by(Geometry, args)
@@ -104,9 +121,86 @@ def _designs(args: argparse.Namespace, device: Device | None) -> list:
         first = Design("array", validate(Geometry, place), base, {})
     else:
         first = read_design(args.design)
-    changed = validate(Device, first.device.model_dump() | own)
-    designs = [first._replace(device=changed)]
-    return designs if args.then is None else [*designs, read_design(args.then)]
+        _check_device(device, first, own)
+    given = first.device.model_dump() | own
+    if args.design is not None and "outlets" in own:
+        given["outlet_walls_um"] = None  # other outlets than those of the mask
+    try:
+        designs = [first._replace(device=validate(Device, given))]
+    except DldsimError as error:
+        if args.design is None or given["outlet_walls_um"] is None:
+            raise
+        raise DldsimError(
+            f"{first.name} with {', '.join(map(option_of, own))}: {error}\nIts mask has walls at "
+            f"{_places(given['outlet_walls_um'])}; --outlets places them anew.",
+            key=error.keys,
+            value=error.value,
+            allowed=error.allowed,
+        ) from error
+    if args.then is None:
+        return designs
+    second = read_design(args.then)
+    _check_device(device, second)
+    return [*designs, second]
+
+
+def _check_device(config: Device | None, design: "Design", own: Collection[str] = ()) -> None:
+    """Refuse settings that a configuration names and a design was made without; ``own``: those that
+    an option goes over. Raises DldsimError."""
+    for key in ACTS if config is not None else ():
+        value = getattr(config, key)
+        made = [getattr(d, key) for d in (design.asked, design.device) if d is not None]
+        if key == "outlets":
+            made = [2 if v is None else v for v in made]
+        if key not in config.model_fields_set or value is None or key in own or value in made:
+            continue
+        remedy = f"give {option_of(key)} to change the device, or " if key in DEVICE else ""
+        raise DldsimError(
+            f"device.{key} = {value} in the configuration, but {design.name} was made with "
+            f"{made[0]}.",
+            key=f"device.{key}",
+            value=value,
+            allowed=str(made[0]),
+            remedy=f"To have the other, {remedy}design anew with this configuration; else take the "
+            "setting out of it.",
+        )
+
+
+def _places(walls_um: Sequence[float]) -> str:
+    return f"{', '.join(f'{wall:.0f}' for wall in walls_um)} µm"
+
+
+def _notes(args: argparse.Namespace, designs: Sequence["Design"], asked: "Asked") -> list[str]:
+    """What an answer must say of designs that are looked at otherwise than they were made."""
+    from dldsim.design.task import CELL_TYPES
+
+    notes = []
+    first = designs[0]
+    changed = [option_of(key) for key in given_by(Device, args) if key != "outlets"]
+    if args.design is not None and changed and first.device.outlet_walls_um:
+        notes.append(
+            f"with {', '.join(changed)} the walls between the outlets stay where the mask of "
+            f"{first.name} has them ({_places(first.device.outlet_walls_um)}); --outlets places "
+            "them anew"
+        )
+    for second in designs[1:]:
+        made = validate(DesignRequest, {"name": second.name} | second.request)
+        flow = asked.populations[0].flow
+        here = {"velocity_mm_s": flow.mean_velocity_mm_s, "height_um": flow.height_um}
+        other = {
+            key: (getattr(made, key), here.get(key, getattr(asked.request, key)))
+            for key in (*CELL_TYPES, "assay", *here)
+            if getattr(made, key) is not None or key not in here
+        }
+        other = {key: (a, b) for key, (a, b) in other.items() if a != b}
+        if other:
+            notes.append(
+                f"{second.name} was made for "
+                + ", ".join(f"{key} = {a}" for key, (a, _) in other.items())
+                + "; here it is taken with the cells and the flow of the first device: "
+                + ", ".join(f"{key} = {b}" for key, (_, b) in other.items())
+            )
+    return notes
 
 
 def _lines(summary: Mapping) -> list[str]:
@@ -161,7 +255,7 @@ def outcome_lines(rows: Sequence[Mapping], notes: Sequence[str]) -> list[str]:
             "purity": [_interval(row, "purity") for row in rows],
             "recovery": [_interval(row, "recovery") for row in rows],
             "enrichment": [optional(row["enrichment"], ".3g") for row in rows],
-            "clogs": [f"{row['lost']:.1%}" for row in rows],
+            "clogs": [optional(row["lost"], ".1%") for row in rows],
             "not learnt": [f"{row['extrapolated']:.0%}" for row in rows],
         }
     )
@@ -170,7 +264,7 @@ def outcome_lines(rows: Sequence[Mapping], notes: Sequence[str]) -> list[str]:
         {
             "device": [row["device"] if several else "" for row in rows[::2]],
             "stage": [str(row["stage"]) if rows[-1]["stage"] > 1 else "" for row in rows[::2]],
-            "nine of ten exceed": [f"{row['purity_recovery']:.1%}" for row in rows[::2]],
+            "nine of ten exceed": [optional(row["purity_recovery"], ".1%") for row in rows[::2]],
             "wall at [µm]": [f"{row['cut_um']:.0f}" for row in rows[::2]],
             "90 % after [mm]": [optional(row["length_90_mm"], ".3g") for row in rows[::2]],
             "95 % after [mm]": [optional(row["length_95_mm"], ".3g") for row in rows[::2]],
@@ -224,8 +318,8 @@ def add_outcome(commands) -> None:
         "--design",
         type=Path,
         metavar="FILE",
-        help="the .json file of a design: its array, device and cell types, which the options go "
-        "over",
+        help="the .json file of a design: array, device and walls between outlets as its mask has "
+        "them, and its cell types, which the options go over",
     )
     for key in Geometry.model_fields:
         add_option(array, Geometry, key)

@@ -10,7 +10,7 @@ from dldsim.app.web.api import outcome_specs
 from dldsim.app.web.api.data import Source, table_rows
 from dldsim.config.design_sections import CellTypes, Device
 from dldsim.config.explain import validate
-from dldsim.design.device_outcome import DeviceOutcome, tables_of
+from dldsim.design.device_outcome import DeviceOutcome, tables_of, warnings_of
 from dldsim.design.finished_campaign import Campaign
 from dldsim.design.populations import doubt, rows_of
 from dldsim.errors import DldsimError
@@ -67,7 +67,7 @@ def answer_of(
     """Fields of an `OutcomeAnswer`."""
     request = asked.request.model_dump(include=set(CellTypes.model_fields) | {"tolerance_um"})
     devices = [design.device.model_dump() for design in designs]
-    return at_outlets(found, asked.notes) | {
+    return at_outlets(found, [*asked.notes, *warnings_of(found)]) | {
         "request": request,
         "device": devices[0],
         "then": devices[1] if len(devices) == 2 else None,

@@ -14,7 +14,14 @@ DRAWS_MAX = 131_072
 """Draws of the array times cells of an outcome that is waited for."""
 SIMULATED_MAX = 200
 """Cells of a simulated check: about half an hour of one process."""
-DEVICE = ("array_length_mm", "array_width_mm", "sample_position_mm", "sample_width_um", "outlets")
+DEVICE = (
+    "array_length_mm",
+    "array_width_mm",
+    "sample_position_mm",
+    "sample_width_um",
+    "outlets",
+    "outlet_walls_um",
+)
 """Settings of the device that a request may change."""
 CELLS = {
     "stiffness_set_1": "3",
@@ -34,6 +41,7 @@ def _of_device(name: str) -> Any:
     return Field(None, description=f"{text}; left out: the service's device")
 
 
+Wall = Annotated[float, Field(gt=0, le=1e5)]
 Millimetres = Annotated[float, Field(ge=0.01, le=100)]
 
 
@@ -50,6 +58,9 @@ class DeviceSpec(Section):
     sample_position_mm: Millimetres | None = _of_device("sample_position_mm")
     sample_width_um: Annotated[float, Field(ge=0.1, le=1e5)] | None = _of_device("sample_width_um")
     outlets: Annotated[int, Field(ge=2, le=20)] | None = _of_device("outlets")
+    outlet_walls_um: Annotated[list[Wall], Field(min_length=1, max_length=19)] | None = _of_device(
+        "outlet_walls_um"
+    )
 
     @property
     def geometry(self) -> dict[str, Any]:
@@ -79,9 +90,9 @@ class CellsInDevice(MeasuredCells, CellTypes, DeviceSpec):
 
     @model_validator(mode="after")
     def _within_seconds(self) -> "CellsInDevice":
-        if self.draws * self.cells > DRAWS_MAX:
+        if self.outlet_draws * self.cells > DRAWS_MAX:
             raise Unfit(
-                f"draws times cells at most {DRAWS_MAX:,}, not {self.draws * self.cells:,}",
+                f"draws times cells at most {DRAWS_MAX:,}, not {self.outlet_draws * self.cells:,}",
                 "draws",
                 "cells",
             )

@@ -20,7 +20,7 @@ LARGEST = {
     "startup_trials": 1000,
     "trials": 1000,
     "grid_steps": 33,
-    "draws": 512,
+    "draws": 1024,
     "cells": 1024,
     "candidates": 10,
     "radius_std_1_um": 25.0,

@@ -85,7 +85,7 @@ class Service:
         if spec.sampler == "grid":
             low, high = spec.periodicity
             points = spec.grid_steps**2 * (high - low + 1)
-            draws = points * (spec.draws if spec.objective == "robust" else 1)
+            draws = points * (spec.angle_draws if spec.objective == "robust" else 1)
             if draws > self.settings.grid_draws_max:
                 raise out_of_range(
                     spec,

@@ -155,7 +155,7 @@ def _options(
         else:
             put("grid_steps", "Values of P_r and of P_g", whole=True, slider=True)
         if found["objective"] != "separation":
-            put("draws", "Monte Carlo draws", whole=True)
+            put("draws", "Monte Carlo draws", whole=True, empty="as many as are usual")
         put("candidates", "Candidates to report", whole=True, slider=True)
         put("seed", "Seed", whole=True)
         state.setdefault("form:name", fields["name"].default)

@@ -158,12 +158,14 @@ def _to_outcome(status: answers.DesignStatus, design: dict[str, Any], device: st
     """Take a candidate to the page where its device can be changed and its cells simulated."""
     rows = [row for row in status.result.at_outlets.device_outcomes if row.device == device]
     length = rows[0].array_length_mm if rows else None
+    outlets = [row for row in status.result.at_outlets.device_outlets if row.device == device]
+    wall = rows[0].cut_um if rows and len(outlets) == 2 else None
     # fields can be filled before the page is drawn alone, which is when a click is taken
     pressed = st.button(
         "Change or simulate it on the page Outcome",
         icon=":material/call_split:",
         on_click=outcome_page.take,
-        args=(status.spec, design, length),
+        args=(status.spec, design, length, wall),
     )
     if pressed:
         st.switch_page(st.Page(outcome_page.page, url_path="outcome"))

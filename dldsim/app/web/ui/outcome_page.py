@@ -22,6 +22,7 @@ DEVICE = {
     "sample_width_um": "Width of the sample stream",
     "outlets": "Outlets",
 }
+WALL = "outlet_walls_um"
 DRAWN = {
     "tolerance_um": "Fabrication tolerance ±",
     "draws": "Draws",
@@ -62,12 +63,21 @@ def page() -> None:
         check_chapter.show(check)
 
 
-def take(spec: specs.DesignSpec, design: dict[str, Any], array_length_mm: float | None) -> None:
-    """Put the cells of a design request and the array of a candidate into the form."""
+def take(
+    spec: specs.DesignSpec,
+    design: dict[str, Any],
+    array_length_mm: float | None,
+    wall_um: float | None = None,
+) -> None:
+    """Put the cells of a design request, and array and wall of a candidate's mask, into the form.
+
+    ``wall_um``: of two outlets; more are where the device has them.
+    """
     cells_form.fill(spec.model_dump())
     for name in ARRAY:
         st.session_state[f"form:outcome_{name}"] = design[name]
     st.session_state["form:outcome_array_length_mm"] = array_length_mm
+    st.session_state[f"form:outcome_{WALL}"] = wall_um
     for name in DRAWN:
         st.session_state[f"form:outcome_{name}"] = getattr(spec, name)
 
@@ -78,6 +88,8 @@ def _fill(spec: outcome_specs.CheckSpec) -> None:
     cells_form.fill(given)
     for name in (*ARRAY, *DEVICE, *DRAWN):
         st.session_state[f"form:outcome_{name}"] = given[name]
+    walls = given[WALL] or [None]
+    st.session_state[f"form:outcome_{WALL}"] = walls[0] if len(walls) == 1 else None
     st.session_state["form:simulate"] = given["simulate"]
 
 
@@ -113,6 +125,20 @@ def _device(
     return spec
 
 
+def _wall(fields: cells_form.Fields, form: str) -> dict[str, Any]:
+    """The wall between two outlets."""
+    wall = number(
+        fields[WALL],
+        "Wall between two outlets",
+        f"form:{form}_{WALL}",
+        None,
+        empty="where it parts the cells best",
+        about="middle of the wall between two outlets above the lower side wall",
+    )
+    at_field(PLACE, WALL)
+    return {WALL: None if wall is None else [wall]}
+
+
 def _first(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]:
     """Fields of the first array and, under more, of its device and the draws."""
     with st.container(border=True):
@@ -122,6 +148,7 @@ def _first(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]
         left, right = st.columns(2)
         with left:
             spec |= _device(info, fields, PLACE, *DEVICE)
+            spec |= _wall(fields, PLACE)
         with right:
             for name, label in DRAWN.items():
                 spec[name] = number(
@@ -130,6 +157,7 @@ def _first(info: answers.ModelInfo, fields: cells_form.Fields) -> dict[str, Any]
                     f"form:outcome_{name}",
                     fields[name].default,
                     whole=name != "tolerance_um",
+                    empty="as many as are usual" if name == "draws" else None,
                 )
                 at_field(PLACE, name)
     return spec

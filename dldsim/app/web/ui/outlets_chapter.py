@@ -21,7 +21,9 @@ def device(request: str, design: Mapping[str, Any]) -> str:
 def smallest(found: answers.AtOutlets | None) -> dict[str, float]:
     """Per cent of the smallest purity or recovery that nine of ten draws exceed, by device."""
     rows = [] if found is None else found.device_outcomes
-    return {row.device: 100 * row.purity_recovery for row in rows}
+    return {
+        row.device: 100 * row.purity_recovery for row in rows if row.purity_recovery is not None
+    }
 
 
 def show(found: answers.AtOutlets, name: str, key: str, title: str = "At the outlets") -> None:
@@ -68,7 +70,7 @@ def _shares(results: Sequence[Mapping], outlets: Sequence[Mapping], key: str) ->
                 "recovery": interval(r, "recovery"),
                 "of_sample": 100 * r["recovery_of_sample"],
                 "enrichment": r["enrichment"],
-                "lost": 100 * r["lost"],
+                "lost": None if r["lost"] is None else 100 * r["lost"],
                 "extrapolated": 100 * r["extrapolated"],
             }
             for r in results
@@ -88,9 +90,11 @@ def _shares(results: Sequence[Mapping], outlets: Sequence[Mapping], key: str) ->
     one = results[0]
     grows = one["length_90_mm"]
     length = "" if grows is None else f" 90 % of it is reached after {grows:.3g} mm."
+    robust = one["purity_recovery"]
+    what = "Nine of ten draws exceed {} in the smallest of purities and recoveries."
     st.markdown(
-        f"Nine of ten draws exceed **{one['purity_recovery']:.0%}** in the smallest of purities "
-        f"and recoveries.{length} Array {one['array_length_mm']:.3g} mm × "
+        ("No draw has cells of both types." if robust is None else what.format(f"**{robust:.0%}**"))
+        + f"{length} Array {one['array_length_mm']:.3g} mm × "
         f"{one['array_width_mm']:.3g} mm, wall at {one['cut_um']:.0f} µm, sample "
         f"{one['sample_uL_per_h']:.3g} µL/h."
     )

@@ -71,6 +71,12 @@ def test_device_and_mixture_are_those_of_the_request(client):
     assert found["request"]["concentration_ratio"] == 9.0
 
 
+def test_walls_of_a_mask_can_be_asked_for(client):
+    found = ask(client, outlet_walls_um=[700.0]).json()
+    assert [row["low_um"] for row in found["device_outlets"]] == [0.0, 700.0]
+    assert found["device"]["outlet_walls_um"] == [700.0]
+
+
 def test_measured_cells_take_the_place_of_mean_and_spread(client):
     found = ask(client, population_1_csv=TABLE).json()
     assert found["request"]["radius_1_um"] == pytest.approx(7.1)

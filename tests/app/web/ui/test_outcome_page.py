@@ -145,11 +145,12 @@ def test_a_candidate_is_taken_to_the_page_of_outcomes(service):
     taken = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outcome_page.st, "session_state", taken)
-        outcome_page.take(spec, design, 3.2)
+        outcome_page.take(spec, design, 3.2, 612.5)
     page = page_with(**taken)
     button(sound(page.run()), "Compute the outcome").click().run()
     asked = json.loads(sent(service, "POST", "/outcome")[0].content)
     assert {k: asked[k] for k in design} == design and asked["array_length_mm"] == 3.2
+    assert asked["outlet_walls_um"] == [612.5]
     assert (asked["stiffness_set_1"], asked["ks_2_uN_per_m"], asked["draws"]) == ("1", 9.0, 32)
 
 
