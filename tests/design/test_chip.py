@@ -8,6 +8,7 @@ import pytest
 
 from dldsim.design.chip import Resistance
 from dldsim.errors import DldsimError
+from dldsim.vocabulary import together
 from tests.design.known_surrogate import CHIP, Known, ask, found, hill, run, task_of
 
 
@@ -49,6 +50,8 @@ def test_a_resistance_beyond_its_flows_is_called_extrapolated():
     places = [(7, 16, 8), (5, 12, 4), (11, 100, 6), (12, 22, 4), (7, 16, 13)]
     basis = chip.pressure_basis(*np.array(places, float).T)
     assert [text.split()[0] for text in basis] == 2 * ["interpolated"] + 3 * ["extrapolated"]
+    assert together(basis[:2]) == basis[0]
+    assert together(basis) == f"{basis[0]}: candidates 1, 2; {basis[2]}: candidates 3, 4, 5"
     assert "N_p 4 to 12" in basis[2] and "error not known" in basis[2]
 
 

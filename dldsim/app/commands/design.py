@@ -20,6 +20,7 @@ from dldsim.app.commands.settings import configuration, safety_distance_um, seed
 from dldsim.config.configuration import Sweep
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.config.explain import check_value, validate
+from dldsim.vocabulary import together
 
 LENGTH_LIMITS = ("footprint_max_mm2", "pressure_max_kPa")
 """What limits the length of an array beside the device, with the objective purity-recovery."""
@@ -143,7 +144,7 @@ def _design_lines(summary: Mapping) -> list[str]:
         }
     )
     notes = dict.fromkeys(note for d in designs for note in d["notes"])
-    pressure = dict.fromkeys(d["pressure_basis"] for d in designs)
+    pressure = together([d["pressure_basis"] for d in designs])
     lines += [
         "",
         *notes,
@@ -151,7 +152,7 @@ def _design_lines(summary: Mapping) -> list[str]:
         "90 % interval; robust: exceeded by nine of ten draws",
         f"length: of array that parts the two by {request['lateral_separation_um']:g} µm "
         f"(lateral_separation_um); {_mask_line(summary)}",
-        f"pressure drop over that length: {'; '.join(pressure)}; throughput "
+        f"pressure drop over that length: {pressure}; throughput "
         f"{designs[0]['throughput_uL_per_h']:.3g} µL/h",
         "",
         *outcome_lines(summary["outcomes"], summary["outcome_notes"]),

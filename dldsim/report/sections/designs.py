@@ -24,6 +24,7 @@ from dldsim.report.inputs import TABLES, settings_of
 from dldsim.report.page import Grid, Page
 from dldsim.report.scope import holds_for, meaning_of_radius
 from dldsim.report.style import mode_name
+from dldsim.vocabulary import together
 
 PARAMETERS = {
     "pillar_radius_um": ("P_r", " µm"),
@@ -301,7 +302,7 @@ def _of_request(page: Page, name: str, table: pd.DataFrame, requests: Mapping) -
         "checks": checks,
         "stopped": table["stopped"].iloc[0],
         "throughput": table["throughput_uL_per_h"].iloc[0],
-        "pressure_basis": "; ".join(dict.fromkeys(table["pressure_basis"])),
+        "pressure_basis": together(table["pressure_basis"].tolist()),
         "files": [
             (n, [page.link(f) for f in sorted(folder.glob(f"{n}.*"))])
             for n in table["name"]
@@ -350,7 +351,7 @@ def _predicted(page: Page, name: str, table: pd.DataFrame, requests: Mapping) ->
         "name": name,
         "grid": grid,
         "objective": table["objective"].iloc[0],
-        "pressure_basis": "; ".join(dict.fromkeys(table["pressure_basis"])),
+        "pressure_basis": together(table["pressure_basis"].tolist()),
     }
 
 

@@ -20,6 +20,7 @@ from dldsim.app.web.ui import (
 from dldsim.app.web.ui.client import ApiError
 from dldsim.app.web.ui.design_form import BOUNDS
 from dldsim.app.web.ui.parts import chart, frame, plain
+from dldsim.vocabulary import together
 
 FILES_POLL_S = 0.7
 FILE_NAMES = {"json": "JSON", "csv": "CSV", "gds": "GDSII mask", "dxf": "DXF mask"}
@@ -125,7 +126,7 @@ def show(info: answers.ModelInfo, status: answers.DesignStatus) -> None:
         "± 90 %: half-width of the prediction interval. Robust: exceeded by nine of ten "
         "draws of cells, tolerance and prediction error; negative: the order of the cell "
         "types is open. Equal ranks differ by less than σ_num. Empty: not known. "
-        f"Pressure: {plain('; '.join(dict.fromkeys(d['pressure_basis'] for d in designs)))}."
+        f"Pressure: {plain(together([d['pressure_basis'] for d in designs]))}."
     )
     chosen = 1
     if len(designs) > 1:
