@@ -183,6 +183,7 @@ def _simulate(
         rows = f"{path.rows} of at most {control.max_rows} rows"
         return f"{words}, {rows}", x / array.pitch / control.max_rows
 
+    scene.advance(0)  # kernels are compiled or loaded before the clock runs
     loop, processor = time.perf_counter(), time.process_time()
     stop = advance_until(
         scene, chunk, watch, patience=row_patience(array, numerics), progress=progress, where=where

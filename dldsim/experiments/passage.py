@@ -118,6 +118,7 @@ def carry_until_steady(
         words = "the index changes" + ("" if change is None else f" by {change:.4f}")
         return words, sample.step / limit
 
+    scene.advance(0)  # kernels are compiled or loaded before the clock runs
     loop, processor = time.perf_counter(), time.process_time()
     stop = advance_until(scene, chunk, watch, progress=progress, where=where)
     return measured(
