@@ -81,19 +81,20 @@ def verify_request(
     files: Path,
     progress: Progress | None,
     measured: Both = (None, None),
+    threads: int = 1,
 ) -> Verdicts:
     """Verify the designs of one request by simulation, look at the outlets of those whose files are
     written, and write them.
 
     ``settings``: sections of the configuration, `seed` and `verification` among them; ``tables``:
     `outcomes`, and `calibration` and `survey` if there are any; ``work``: where finished ones are
-    kept; ``files``: folder of the designs' files.
+    kept; ``files``: folder of the designs' files; ``threads``: cells simulated at a time.
     """
     sets = {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()}
     populations = resolve(request, chip.flow, sets, calibration_of(tables), model)
     flow = flow_of(request, chip.flow)
     budget = Verification(**settings["verification"])
-    simulator = Simulator(work, scene_of(settings)._replace(flow=flow), progress)
+    simulator = Simulator(work, scene_of(settings)._replace(flow=flow), progress, threads)
     asked = ask(request, populations, tables, measured)
     verdicts = verify(
         model,
@@ -108,6 +109,7 @@ def verify_request(
         history=asked.history,
         fit=partial(surrogate.fit, survey=tables.get("survey")),
         resistance=simulator.resistance,
+        each=simulator.each,
         progress=progress,
     )
     seed = outlet_seed(settings["seed"])

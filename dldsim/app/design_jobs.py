@@ -155,6 +155,7 @@ def verify_job(
     requests: Path,
     files: Path,
     work: Path,
+    threads: int,
     progress: Progress,
     **paths: Path,
 ) -> None:
@@ -177,6 +178,7 @@ def verify_job(
             work=work,
             files=files,
             progress=progress,
+            threads=threads,
         ),
     )
     _tell(told, progress)

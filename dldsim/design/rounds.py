@@ -4,7 +4,7 @@ Prediction and simulation are compared, the outcomes are learnt from, and the se
 until they agree or the budget is spent.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -29,6 +29,9 @@ from dldsim.experiments.outcome_files import Progress
 from dldsim.tables.registry import COLUMNS, TABLES
 from dldsim.vocabulary import GEOMETRY
 
+Each = Callable[[Callable[[Population], dict], Sequence[Population]], Iterable[dict]]
+"""`map`, or the like of it."""
+
 
 def verify(
     surrogate: Surrogate,
@@ -44,6 +47,7 @@ def verify(
     history: Sequence[History] = (UNKNOWN, UNKNOWN),
     fit: Callable[[pd.DataFrame, int], Surrogate] | None = None,
     resistance: Callable[[Geometry], Mapping[str, Any]] | None = None,
+    each: Each = map,
     progress: Progress | None = None,
 ) -> Verdicts:
     """Search, simulate, compare and learn, in rounds.
@@ -60,7 +64,8 @@ def verify(
 
     ``populations``: the request's cell types, ``chip``: at its flow, ``sources`` and ``history`` as
     of `Task`. ``simulate(geometry, population, height_um, finer)`` returns a row of `outcomes`;
-    ``resistance`` one of `flows`. The best verified design is simulated at ± height_tolerance_um
+    ``resistance`` one of `flows`; ``each`` maps the simulation over the two cell types. The best
+    verified design is simulated at ± height_tolerance_um
     too, and learnt from as well.
 
     Raises DldsimError as `search` does.
@@ -97,7 +102,7 @@ def verify(
             array = len(pairs) + 1
             geometry = Geometry(**{name: place[name] for name in GEOMETRY})
             say(f"round {number}, {role} {identifiers.geometry_id(geometry)}")
-            found = simulate_pair(simulate, geometry, populations, chip.flow.height_um)
+            found = simulate_pair(simulate, geometry, populations, chip.flow.height_um, each=each)
             spent += 2
             compared = compare(task, populations, geometry, found)
             records += [
@@ -130,10 +135,10 @@ def verify(
             stop = Stop.CONFIRMED
             break
     task = Task(learnt, request, populations, chip, seed, *cells)
-    records += _finer_runs(task, pairs, populations, simulate, budget.finer_designs, say)
+    records += _finer_runs(task, pairs, populations, simulate, each, budget.finer_designs, say)
     designs = design_table(task, pairs, resistance, stop, stop.sentence(number, budget))
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
-        heights, found = _height_runs(task, designs, simulate, budget.outcomes_max - spent)
+        heights, found = _height_runs(task, designs, simulate, each, budget.outcomes_max - spent)
         records += heights
         rows |= {row["outcome_id"]: row for row in found}
         designs = _with_heights(designs, heights, chip.flow.height_um)
@@ -167,15 +172,17 @@ def simulate_pair(
     populations: Sequence[Population],
     height_um: float,
     finer: bool = False,
+    each: Each = map,
 ) -> list[dict]:
     """Rows of `outcomes` of both cell types; one that cannot start has status "failed"."""
-    found = []
-    for population in populations:
+
+    def one(population: Population) -> dict:
         try:
-            found.append(simulate(geometry, population, height_um, finer))
+            return simulate(geometry, population, height_um, finer)
         except DldsimError as error:
-            found.append(_failed(geometry, population, height_um, str(error)))
-    return found
+            return _failed(geometry, population, height_um, str(error))
+
+    return list(each(one, populations))
 
 
 def _failed(geometry: Geometry, population: Population, height_um: float, reason: str) -> dict:
@@ -198,7 +205,7 @@ def _failed(geometry: Geometry, population: Population, height_um: float, reason
 
 
 def _finer_runs(
-    task: Task, pairs: Mapping[int, dict], populations, simulate, count: int, say: Progress
+    task: Task, pairs: Mapping[int, dict], populations, simulate, each, count: int, say: Progress
 ) -> list[dict]:
     """The best designs that part the cells, then those that may, once more at a finer setting.
 
@@ -216,7 +223,7 @@ def _finer_runs(
         pair = pairs[array]
         geometry = Geometry(**pair["place"])
         say(f"finer lattice, half the Reynolds number: {identifiers.geometry_id(geometry)}")
-        pair["finer"] = simulate_pair(simulate, geometry, populations, height, finer=True)
+        pair["finer"] = simulate_pair(simulate, geometry, populations, height, True, each)
         for row in compare(task, populations, geometry, pair["finer"]):
             # A check of the simulation; the surrogate has learnt from its outcome.
             row |= {"agrees": None, "verdict": "finer lattice: not predicted, only simulated"}
@@ -234,7 +241,7 @@ def _finer_runs(
 
 
 def _height_runs(
-    task: Task, designs: pd.DataFrame, simulate, left: int
+    task: Task, designs: pd.DataFrame, simulate, each, left: int
 ) -> tuple[list[dict], list[dict]]:
     """The best design at both heights of the tolerance, as far as the budget goes.
 
@@ -254,7 +261,7 @@ def _height_runs(
         there = Task(
             task.surrogate, request, populations, task.chip.at(changed), task.seed, task.sources
         )
-        found = simulate_pair(simulate, geometry, populations, changed.height_um)
+        found = simulate_pair(simulate, geometry, populations, changed.height_um, each=each)
         outcomes += found
         records += [
             {

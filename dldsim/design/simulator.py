@@ -1,6 +1,8 @@
 """Outcomes of designs: simulated, kept on disk, and used again."""
 
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,13 +51,49 @@ class Simulator:
     outcome is found again if everything it depends on is the same. The cell has its own shape,
     radius and moduli: what similarity assumes (moduli in proportion) is part of what is checked.
     On the finer lattice the cell is released as well: what goes on with a settled cell misses
-    motions that there are on that lattice alone.
+    motions that there are on that lattice alone. ``threads``: outcomes that `each` simulates at a
+    time; the time steps leave Python's lock to others.
     """
 
-    def __init__(self, directory: Path, scene: Scene, progress: Progress | None = None):
-        self.directory, self.scene, self.progress = Path(directory), scene, progress
+    def __init__(
+        self, directory: Path, scene: Scene, progress: Progress | None = None, threads: int = 1
+    ):
+        self.directory, self.scene, self.threads = Path(directory), scene, threads
         self.model = uncertainty.read_model()
+        self._progress, self._stopped = progress, threading.Event()
         self._flow: tuple[Any, Any] = (None, None)
+        self._solving = threading.Lock()
+
+    def each(
+        self, simulate: Callable[[Population], dict], populations: Sequence[Population]
+    ) -> list[dict]:
+        """``simulate`` of every population, in their order, as many at a time as there are threads.
+
+        Where one raises, or the user stops it, the others end at their next sign of progress.
+        """
+        if self.threads == 1:
+            return [simulate(population) for population in populations]
+        with ThreadPoolExecutor(self.threads) as pool:
+            try:
+                jobs = [pool.submit(simulate, population) for population in populations]
+                return [job.result() for job in jobs]
+            except BaseException:
+                self._stopped.set()
+                raise
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
+                self._stopped.clear()
+
+    def _told(self, name: str) -> Progress:
+        """How the outcome of that name tells its progress."""
+
+        def tell(sentence: str) -> None:
+            if self._stopped.is_set():
+                raise KeyboardInterrupt
+            if self._progress:
+                self._progress(f"{name}: {sentence}" if self.threads > 1 else sentence)
+
+        return tell
 
     def __call__(
         self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
@@ -148,7 +186,7 @@ class Simulator:
             finished=finished,
             keep=keep,
             observe=recorder,
-            progress=self.progress,
+            progress=self._told(name),
         )
         write_outcome(result, files, settings)
         partial.remove()
@@ -176,6 +214,7 @@ class Simulator:
         from dldsim.solver.flow import solve_empty_array
 
         key = geometry, scene.flow, scene.numerics
-        if self._flow[0] != key:
-            self._flow = key, solve_empty_array(geometry, scene.flow, scene.numerics)
-        return self._flow[1]
+        with self._solving:
+            if self._flow[0] != key:
+                self._flow = key, solve_empty_array(geometry, scene.flow, scene.numerics)
+            return self._flow[1]

@@ -119,14 +119,14 @@ def carry_until_steady(
         return words, sample.step / limit
 
     scene.advance(0)  # kernels are compiled or loaded before the clock runs
-    loop, processor = time.perf_counter(), time.process_time()
+    loop, processor = time.perf_counter(), time.thread_time()
     stop = advance_until(scene, chunk, watch, progress=progress, where=where)
     return measured(
         scene,
         record,
         sights,
         index,
-        (time.perf_counter() - loop, time.process_time() - processor),
+        (time.perf_counter() - loop, time.thread_time() - processor),
         stop,
         lambda values: values[-window:].mean(),
         change=change,

@@ -142,7 +142,12 @@ if numba.config.CPU_FEATURES is None and "+avx512vl" in get_host_cpu_features():
 CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")
 
 # NaN and infinity keep their meaning, so that the stability guard can see them.
-_options = {"error_model": "numpy", "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}}
+# Python's lock is left to other threads, each with a scene of its own.
+_options = {
+    "error_model": "numpy",
+    "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"},
+    "nogil": True,
+}
 jit = _compiler(**_options)
 restrict = _compiler(**_options, noalias=True)
 """For kernels none of whose arrays overlap, unless they are only read."""

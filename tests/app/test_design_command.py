@@ -104,7 +104,7 @@ def test_verified_designs_are_printed_and_written(capsys, campaign, tmp_path, mo
     """With what a simulation would say, from a formula."""
     asked = {}
 
-    def verify_request(request, settings, chip, model, tables, *, work, files, progress, measured):
+    def verify_request(request, settings, chip, model, tables, *, work, files, **options):
         asked.update(work=work, sets=settings["stiffness_sets"])
         files.mkdir(parents=True, exist_ok=True)
         return check_designs(Known(summit), Nature(summit), rounds=1, designs_per_round=1)

@@ -96,6 +96,7 @@ def test_a_campaign_of_failed_requests_only_has_empty_tables(campaign, tmp_path)
         **out,
         files=tmp_path / "files",
         work=tmp_path / "work",
+        threads=1,
         progress=print,
         **inputs_of(campaign),
     )

@@ -1,5 +1,7 @@
 """Cells and runs of a verification: what is simulated, used again, gone on with and recorded."""
 
+import threading
+
 import pytest
 
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl
@@ -38,6 +40,44 @@ def test_an_outcome_has_the_radius_of_its_population(simulated):
     assert (row["releases"], row["rows_total"]) == (2, 4)
     assert set(row) == {c.name for c in COLUMNS["outcomes"]}
     assert not (simulator.directory / row["outcome_id"]).exists()  # nothing partial is left
+
+
+def test_both_cell_types_are_simulated_at_a_time(simulated, tmp_path):
+    """With the same outcomes as one after the other; what they tell says whose it is."""
+    other = SMALL._replace(number=2, name="small-2", radius_um=4.4)
+    told = []
+    together = Simulator(tmp_path / "two", SCENE, told.append, threads=2)
+    alone = Simulator(tmp_path / "one", SCENE)
+    found = together.each(lambda p: together(GEOMETRY, p, 12.0), [SMALL, other])
+    expected = alone.each(lambda p: alone(GEOMETRY, p, 12.0), [SMALL, other])
+    assert [r["cell_radius_um"] for r in found] == [4.0, 4.4]
+    for row, same in zip(found, expected, strict=True):
+        assert {**row, "wall_time_s": 0} == {**same, "wall_time_s": 0}
+    names = {sentence.partition(":")[0] for sentence in told}
+    assert names == {row["outcome_id"] for row in found}
+
+
+def test_where_one_fails_the_other_ends():
+    simulator = Simulator("nowhere", SCENE, threads=2)
+    begun, ended = threading.Event(), []
+
+    def simulate(population):
+        if population is None:
+            begun.wait(10)
+            raise ZeroDivisionError
+        tell = simulator._told("other")
+        begun.set()
+        try:
+            while True:
+                tell("still running")
+        except KeyboardInterrupt:
+            ended.append(population)
+            raise
+
+    with pytest.raises(ZeroDivisionError):
+        simulator.each(simulate, [None, SMALL])
+    assert ended == [SMALL]
+    assert simulator.each(lambda p: p, [1, 2]) == [1, 2]
 
 
 def test_on_the_finer_lattice_the_cell_is_released(simulated, monkeypatch):

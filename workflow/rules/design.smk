@@ -102,6 +102,7 @@ rule verify:
         f"{RESULTS}/logs/verify/{{request}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/verify/{{request}}.tsv"
+    threads: 2  # both cell types of an array at a time
     priority: 1
     conda:
         "../envs/dldsim.yaml"

@@ -10,6 +10,7 @@ with job_log(snakemake.log[0]) as progress:
         snakemake.wildcards.request,
         snakemake.params.settings,
         work=Path(snakemake.params.work),
+        threads=snakemake.threads,
         progress=progress,
         **{name: Path(path) for name, path in snakemake.output.items()},
         **{name: Path(path) for name, path in snakemake.input.items()},

@@ -1,6 +1,7 @@
 """Designs: `design`."""
 
 import argparse
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -69,6 +70,7 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
                 files=output / "files",
                 progress=progress,
                 measured=measured,
+                threads=min(2, os.cpu_count() or 1),
             )
     if output is not None:
         removed = design_answers.remove_stale(made, output, verdicts)
