@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,6 +76,8 @@ class Simulator:
         with ThreadPoolExecutor(self.threads) as pool:
             try:
                 jobs = [pool.submit(simulate, population) for population in populations]
+                for job in wait(jobs, return_when=FIRST_EXCEPTION).done:
+                    job.result()
                 return [job.result() for job in jobs]
             except BaseException:
                 self._stopped.set()

@@ -57,7 +57,8 @@ def test_both_cell_types_are_simulated_at_a_time(simulated, tmp_path):
     assert names == {row["outcome_id"] for row in found}
 
 
-def test_where_one_fails_the_other_ends():
+@pytest.mark.parametrize("populations", [[None, SMALL], [SMALL, None]])
+def test_where_one_fails_the_other_ends(populations):
     simulator = Simulator("nowhere", SCENE, threads=2)
     begun, ended = threading.Event(), []
 
@@ -75,7 +76,7 @@ def test_where_one_fails_the_other_ends():
             raise
 
     with pytest.raises(ZeroDivisionError):
-        simulator.each(simulate, [None, SMALL])
+        simulator.each(simulate, populations)
     assert ended == [SMALL]
     assert simulator.each(lambda p: p, [1, 2]) == [1, 2]
 
