@@ -45,8 +45,8 @@ class Resistance:
         self.basis = f"interpolated from {len(y)} flows without a cell (error {error})"
         if rank < x.shape[1]:
             self.basis += ", whose P_r, P_g and N_p do not all vary on their own: larger elsewhere"
-        known = self._ranged(*(table[name].to_numpy(float) for name in GEOMETRY))
-        self.low, self.high = known.min(axis=1), known.max(axis=1)
+        seen = self._ranged(*(table[name].to_numpy(float) for name in GEOMETRY))
+        self.low, self.high = seen.min(axis=1), seen.max(axis=1)
         ranges = [f"{low:.3g} to {high:.3g}" for low, high in zip(self.low, self.high, strict=True)]
         self.beyond = (
             f"extrapolated from {len(y)} flows without a cell of P_g/λ {ranges[0]}, λ {ranges[1]} "
