@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import f_oneway
-from scipy.stats import t as student
+from scipy.special import fdtrc, stdtr, stdtrit
 
 from dldsim.config.sections import RunControl
 from dldsim.experiments.migration import Migration, framed
@@ -68,7 +67,7 @@ def chance_beyond(values: np.ndarray, limit: float, resolution: float) -> float:
     """
     n = len(values)
     scatter = math.hypot(values.std(ddof=1), resolution / math.sqrt(12)) * math.sqrt(1 + 1 / n)
-    return float(student.sf((limit - values.mean()) / scatter, n - 1))
+    return float(stdtr(n - 1, (values.mean() - limit) / scatter))
 
 
 def mean_of_passes(releases: Sequence[Passes], periodicity: int) -> tuple[float, float, float]:
@@ -79,7 +78,7 @@ def mean_of_passes(releases: Sequence[Passes], periodicity: int) -> tuple[float,
     """
     rows = np.concatenate([passes.rows() for passes in releases])
     ends = sum(passes.start_errors[[0, -1]].sum() for passes in releases)
-    half_width = student.ppf((1 + CONFIDENCE) / 2, len(rows) - 1) * rows.std(ddof=1)
+    half_width = stdtrit(len(rows) - 1, (1 + CONFIDENCE) / 2) * rows.std(ddof=1)
     half_width = half_width / math.sqrt(len(rows)) + ends / len(rows)
     bounds = rows.mean(), max(1.0, rows.mean() - half_width), rows.mean() + half_width
     mean, low, high = (1 - periodicity / bound for bound in bounds)
@@ -103,12 +102,18 @@ def falling(others: Sequence[Migration], pitch: float, periodicity: int) -> list
 
 
 def alike(releases: Sequence[Passes]) -> bool:
-    """Whether passes of several releases may be of one motion, by the scatter of their lengths."""
+    """Whether passes of several releases may be of one motion, by the scatter of their lengths.
+
+    One-way analysis of variance (Fisher's F).
+    """
     lengths = [passes.rows() for passes in releases]
-    within = sum(float(((rows - rows.mean()) ** 2).sum()) for rows in lengths)
+    rows = np.concatenate(lengths)
+    within = sum(float(((one - one.mean()) ** 2).sum()) for one in lengths)
     if within == 0:
-        return float(np.ptp(np.concatenate(lengths))) == 0
-    return float(f_oneway(*lengths).pvalue) > UNLIKE
+        return float(np.ptp(rows)) == 0
+    between = sum(len(one) * float(one.mean() - rows.mean()) ** 2 for one in lengths)
+    groups, rest = len(lengths) - 1, len(rows) - len(lengths)
+    return float(fdtrc(groups, rest, between / groups / (within / rest))) > UNLIKE
 
 
 def capture_per_row(releases: Sequence[Passes], control: RunControl) -> float:
