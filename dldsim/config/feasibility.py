@@ -30,6 +30,19 @@ def check_gap(geometry: Geometry, safety_distance_um: float) -> None:
         )
 
 
+def check_tolerance(tolerance_um: float, pillar_radius_um: float, gap_um: float) -> None:
+    """Refuse a fabrication tolerance by which such a pillar or gap could vanish."""
+    least = min(pillar_radius_um, gap_um)
+    if tolerance_um >= least:
+        raise DldsimError(
+            key="tolerance_um",
+            value=tolerance_um,
+            allowed=f"below {least:g}, the smaller of pillar_radius_um = {pillar_radius_um:g} and "
+            f"gap_um = {gap_um:g}",
+            remedy="A pillar or a gap would vanish: lower the tolerance, or take larger ones.",
+        )
+
+
 def smallest_passable_um(cell: CellShape) -> float:
     """Diameter of the narrowest tube that the cell fits through [µm], a rough lower limit for gaps.
 

@@ -111,9 +111,8 @@ def over_tolerance(task: Task, table: pd.DataFrame) -> tuple[np.ndarray, np.ndar
     """Least and largest separation [deg] over ± tolerance, counted in the nominal order."""
     step = np.linspace(-1, 1, TOLERANCE_STEPS) * task.request.tolerance_um
     off_radius, off_gap = (v.ravel() for v in np.meshgrid(step, step))
-    smallest = 1e-3  # a tolerance wider than the pillar must not make it vanish
-    radius = np.maximum(table["pillar_radius_um"].to_numpy()[:, None] + off_radius, smallest)
-    gap = np.maximum(table["gap_um"].to_numpy()[:, None] + off_gap, smallest)
+    radius = table["pillar_radius_um"].to_numpy()[:, None] + off_radius
+    gap = table["gap_um"].to_numpy()[:, None] + off_gap
     rows = np.repeat(table["periodicity"].to_numpy(), off_gap.size)
     first, second = task.angles(radius.ravel(), gap.ravel(), rows)
     order = np.where(table["angle_2_deg"] >= table["angle_1_deg"], 1.0, -1.0)[:, None]

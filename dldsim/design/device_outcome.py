@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from dldsim.config.design_sections import DesignRequest, Device
+from dldsim.config.feasibility import check_tolerance
 from dldsim.config.provenance import derive_seed
 from dldsim.config.sections import Geometry
 from dldsim.design.cell_source import CellSource
@@ -160,12 +161,13 @@ def device_outcome(
     places that are tried for a wall between two outlets; ``along``: look along the device, not only
     at its end.
 
-    Raises DldsimError as `whole_array`, `wall_range` and `Stream.places` do.
+    Raises DldsimError as `whole_array`, `check_tolerance`, `wall_range` and `Stream.places` do.
     """
     array, _, _ = whole_array(geometry, device)
     flow = sources[0].population.flow
     stream = Stream(1e3 * device.sample_position_mm, device.sample_width_um, flow.height_um)
     off = request.tolerance_um if tolerance_um is None else tolerance_um
+    check_tolerance(off, geometry.pillar_radius_um, geometry.gap_um)
     first, second = (
         motion_of(model, source.population, geometry, history[k], simulated[k])
         for k, source in enumerate(sources)

@@ -147,4 +147,4 @@ def shifted(design: Mapping[str, Any], parameter: str, offset: float) -> tuple[f
     radius, gap = design["pillar_radius_um"], design["gap_um"]
     radius += offset if parameter in ("pillar_radius_um", "edge_um") else 0.0
     gap += {"gap_um": offset, "edge_um": -2 * offset}.get(parameter, 0.0)
-    return max(radius, 1e-3), max(gap, 1e-3), int(design["periodicity"])
+    return radius, max(gap, 1e-3), int(design["periodicity"])

@@ -148,8 +148,8 @@ def make_paths(
     radius, gap, size, stiffness = (
         np.broadcast_to(v, (len(devices.off_gap_um), len(cells.radius_um)))
         for v in (
-            np.maximum(array.pillar_radius_um + devices.off_radius_um, 1e-3)[:, None],
-            np.maximum(array.gap_um + devices.off_gap_um, 1e-3)[:, None],
+            (array.pillar_radius_um + devices.off_radius_um)[:, None],
+            (array.gap_um + devices.off_gap_um)[:, None],
             cells.radius_um,
             cells.ks_uN_per_m,
         )

@@ -11,6 +11,7 @@ from dldsim.analysis.domain import DOMAIN_TOLERANCE, NAMES
 from dldsim.analysis.features import CellInFlow
 from dldsim.analysis.surrogate import LEVEL, Surrogate
 from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest, is_given
+from dldsim.config.feasibility import check_tolerance
 from dldsim.design.cell_source import CellSource, make_sources
 from dldsim.design.chip import Chip
 from dldsim.design.draws import sobol
@@ -159,8 +160,8 @@ class Task:
             np.asarray(v, float)[:, None] for v in (radius, gap, periodicity)
         )
         errors = self.half_widths(radius[:, 0], gap[:, 0], periodicity[:, 0])
-        radius = np.maximum(radius + self.request.tolerance_um * off_radius, 1e-3)
-        gap = np.maximum(gap + self.request.tolerance_um * off_gap, 1e-3)
+        radius = radius + self.request.tolerance_um * off_radius
+        gap = gap + self.request.tolerance_um * off_gap
         periodicity = np.broadcast_to(periodicity, radius.shape)
         angles = []
         for k in range(len(self.populations)):
@@ -360,6 +361,7 @@ def check(task: Task) -> None:
     request, chip = task.request, task.chip
     name = f"design request {request.name}"
     check_cells(name, request, task.populations, task.surrogate)
+    check_tolerance(request.tolerance_um, request.pillar_radius_um[0], request.gap_um[0])
     task.outlets.check()
     # the widest gap beside the thinnest pillar that is not too slender meets every constraint if
     # anything does

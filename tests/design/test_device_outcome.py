@@ -268,6 +268,11 @@ def test_a_cascade_from_an_outlet_that_is_not_there_is_refused(outlet, message):
         outcome().inflow(outlet)
 
 
+def test_a_tolerance_by_which_a_pillar_vanishes_is_refused():
+    with pytest.raises(DldsimError, match=r"tolerance_um.*10.*below 7"):
+        outcome(ask(tolerance_um=10.0))
+
+
 def test_a_cascade_from_an_outlet_without_cells_is_refused():
     device = DEVICE.model_copy(update={"outlet_walls_um": [100.0, 700.0]})
     with pytest.raises(DldsimError, match="from_outlet = 1: no cell leaves"):

@@ -140,6 +140,7 @@ def test_designs_inside_the_training_domain_come_first():
         ({"gap_um": (4, 6)}, ["no geometry", "safety", "gap_um"]),
         ({"radius_1_um": 40.0, "height_um": 80.0}, ["no geometry", "squeezed"]),
         ({"radius_1_um": 40.0}, ["height_um = 20: cell type 1 needs", "higher channel"]),
+        ({"tolerance_um": 5.0}, ["tolerance_um", "below 5", "pillar_radius_um = 5"]),
     ],
 )
 def test_impossible_requests_are_refused(changes, words):

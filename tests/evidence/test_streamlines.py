@@ -1,0 +1,35 @@
+"""Streamlines of the empty array, as a point-like follower takes them."""
+
+import pytest
+
+from dldsim.config.sections import Flow, Geometry, Numerics
+from dldsim.evidence.reference import read_reference
+from dldsim.evidence.streamlines import critical_follower
+from dldsim.solver.flow import solve_empty_array
+
+GAP_UM = 20.0
+
+
+def follower(periodicity, height_um=0.0, nodes=40, **numerics):
+    geometry = Geometry(pillar_radius_um=GAP_UM / 2, gap_um=GAP_UM, periodicity=periodicity)
+    flow = Flow(mean_velocity_mm_s=1.0, height_um=height_um)
+    spacing = geometry.pitch_um / nodes
+    chosen = Numerics(spacing_um=spacing, velocity_lu=0.003, **numerics)
+    return critical_follower(solve_empty_array(geometry, flow, chosen))
+
+
+@pytest.mark.parametrize("periodicity", [4, 10])
+def test_in_the_plane_it_is_twice_the_first_lane(periodicity):
+    [known] = [
+        row["critical_diameter_over_gap_streamline"]
+        for row in read_reference("first_lane_width_2d")
+        if row["radius_over_pitch"] == 0.25 and row["periodicity"] == periodicity
+    ]
+    assert follower(periodicity) == pytest.approx(known, rel=0.01)
+
+
+def test_it_is_smaller_in_a_lower_channel_and_its_own_in_half_a_scene():
+    deep, low = follower(10), follower(10, GAP_UM)
+    assert low == pytest.approx(0.91 * deep, rel=0.01)
+    whole = follower(10, GAP_UM, half_scene=False, rows=1)
+    assert whole == pytest.approx(low, rel=2e-3)
