@@ -82,13 +82,18 @@ def spread(errors: Sequence[float]) -> dict[str, Any]:
     return {"pairs": len(errors), "rms": rms, "confidence_factor": factor, "value": rms * factor}
 
 
-def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
+def fit_model(pairs: Sequence[Pair], wider: Mapping[str, Row] | None = None) -> dict[str, Any]:
     """Model of σ_num from outcomes at the campaign's and at finer numerics.
 
-    ``distance``: σ_d from the pairs whose transition distance is known twice, each from releases,
+    ``wider``: of pairs, by identifier, at the campaign's numerics in a wider domain. How far an
+    outcome there is from that of the campaign is what periodic images do; small errors add up, so
+    that it is added to that beside the finer lattice, which has the same images.
+
+    ``distance``: σ_d from the pairs whose transition distance is known each time, from releases,
     by the side on which they are at the campaign's numerics. What goes on from a settled cell lacks
-    the passes on the way there, so that its distance is another. ``share``: c from decided pairs on
-    the same side of the transition. What the intervals of the angles account for is not taken out
+    the passes on the way there, so that its distance is another. ``share``: c from pairs that are
+    decided each time, on the same side of the transition. ``lattice`` and ``images``: the root mean
+    squares of both parts of either. What the intervals of the angles account for is not taken out
     of c, which is on the safe side. Raises DldsimError for pairs whose numerics differ, without
     pairs, and for a reference on no finer lattice, whose error would be none.
     """
@@ -101,16 +106,23 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
             f"σ_num: {len(pairs)} pairs with {len(made_with)} different numerics; "
             "allowed: pairs of one campaign, at least one. Check reference.pairs."
         )
-    distances: dict[str, list[float]] = {side: [] for side in SIDES}
-    shares, ratios = [], []
+    distances: dict[str, list[Errors]] = {side: [] for side in SIDES}
+    shares: list[Errors] = []
+    ratios = []
     for row, reference in pairs:
-        known = row["transition_distance"], reference["transition_distance"]
-        if None not in known and reference["start"] == RELEASED:
-            distances[_side(row)].append(known[0] - known[1])
-        error = error_of(row, reference)
-        decided = row["status"] == reference["status"] == ALIKE
-        if error is not None and decided and _bumps(row) == _bumps(reference):
-            shares.append(error / row["bump_angle_deg"])
+        others = [reference]
+        if wider:
+            if row["outcome_id"] not in wider:
+                raise DldsimError(
+                    f"σ_num: {row['outcome_id']} was not simulated in a wider domain."
+                )
+            others.append(wider[row["outcome_id"]])
+        off = [_distance_error(row, other) for other in others]
+        if None not in off:
+            distances[_side(row)].append(off)
+        off = [_share_error(row, other) for other in others]
+        if None not in off:
+            shares.append(off)
         if row["spacing_um"] and reference["spacing_um"]:
             ratios.append(row["spacing_um"] / reference["spacing_um"])
             if ratios[-1] <= 1:
@@ -124,8 +136,8 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
         "kind": KIND,
         "dldsim_version": __version__,
         "physics_version": PHYSICS_VERSION,
-        "distance": {side: spread(errors) for side, errors in distances.items()},
-        "share": spread(shares),
+        "distance": {side: _spread(errors, wider) for side, errors in distances.items()},
+        "share": _spread(shares, wider),
         "numerics": made_with[0],
         "spacing_ratio": [min(ratios), max(ratios)] if ratios else None,
         "conditions": {key: rows[0][key] for key in CONDITIONS},
@@ -138,6 +150,35 @@ def fit_model(pairs: Sequence[Pair]) -> dict[str, Any]:
                 ]
             }
         ),
+    }
+
+
+Errors = Sequence[Any]
+"""Of one outcome: beside a finer lattice and, if it was simulated, beside a wider domain."""
+
+
+def _distance_error(row: Row, other: Row) -> float | None:
+    """Error of the transition distance; None where that is not known twice from releases."""
+    known = row["transition_distance"], other["transition_distance"]
+    return None if None in known or other["start"] != RELEASED else known[0] - known[1]
+
+
+def _share_error(row: Row, other: Row) -> float | None:
+    """Error of the angle over the bump angle; None but for decided outcomes on one side."""
+    error = error_of(row, other)
+    decided = row["status"] == other["status"] == ALIKE
+    if error is None or not decided or _bumps(row) != _bumps(other):
+        return None
+    return error / row["bump_angle_deg"]
+
+
+def _spread(errors: Sequence[Errors], wider: Mapping | None) -> dict[str, Any]:
+    """`spread` of the sums, and the root mean squares of their parts."""
+    parts = [spread([one[part] for one in errors])["rms"] for part in range(2 if wider else 1)]
+    return {
+        **spread([sum(one) for one in errors]),
+        "lattice": parts[0],
+        "images": parts[1] if wider else None,
     }
 
 
@@ -290,10 +331,12 @@ def verdict(ratio: float | None, words: tuple[str, str], basis: str) -> str:
     return f"{words[ratio > BEYOND]}: {ratio:.1f} σ_num"
 
 
-def cross_validated(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
+def cross_validated(
+    pairs: Sequence[Pair], wider: Mapping[str, Row] | None = None
+) -> list[dict[str, Any]]:
     """Rows of `reference_check` in which no pair is judged by a model that has seen its array.
 
-    Raises DldsimError for pairs of one array only.
+    ``wider``: as of `fit_model`. Raises DldsimError for pairs of one array only.
     """
 
     def array(pair: Pair) -> tuple:
@@ -302,7 +345,7 @@ def cross_validated(pairs: Sequence[Pair]) -> list[dict[str, Any]]:
     result = []
     for pair in pairs:
         others = [p for p in pairs if array(p) != array(pair)]
-        result.append(check_row(*pair, fit_model(others)))
+        result.append(check_row(*pair, fit_model(others, wider)))
     return result
 
 

@@ -73,6 +73,13 @@ class StudyNumerics(Section):
     reynolds_max: float = Field(ge=1e-6, le=100, description="largest numerical Reynolds number")
 
 
+class WiderDomain(Section):
+    """Domain of the lattice that takes a cell further from its periodic images."""
+
+    rows: int = Field(ge=1, le=100, description="pillar rows in the domain")
+    lanes: int = Field(1, ge=1, le=20, description="pillars per row in the domain")
+
+
 class CriticalGap(Section):
     """An array and a cell whose transition from bump to zigzag is searched over the gap."""
 
@@ -119,6 +126,9 @@ class Reference(Section):
     )
     finest_numerics: StudyNumerics = Field(
         StudyNumerics(spacing_um=0.42, reynolds_max=0.1), description="of the finest"
+    )
+    wider_domain: WiderDomain | None = Field(
+        None, description="of all pairs once more, at the campaign's numerics otherwise"
     )
     releases: list[Fraction] = Field(
         [0.2, 0.5, 0.8], min_length=1, description="places of release, as shares of the gap"

@@ -19,25 +19,56 @@ Row = Mapping[str, Any]
 
 # ------------------------------------------------------------------------------------------ pairs
 
-CAMPAIGN, REFERENCE, FINEST = "campaign", "reference", "finest"
-"""Numerics of a pair: the campaign's own, those of the reference, the finest."""
+CAMPAIGN, WIDER, REFERENCE, FINEST = "campaign", "wider", "reference", "finest"
+"""Numerics of a pair: the campaign's own, the same in a wider domain, those of the reference, the
+finest."""
 COARSER = {FINEST: REFERENCE}
 """Numerics whose settled cells a pair goes on with. Those of the reference are released, as in the
 campaign: the transition distance of what goes on lacks the passes on the way, and is another."""
 
 
 def pairs(config: Config) -> list[tuple[str, str]]:
-    """All simulations of pairs: identifier and name of the numerics, each once."""
-    study = config.reference
-    wanted = [(run, name) for name in (CAMPAIGN, REFERENCE) for run in study.pairs]
+    """All simulations of pairs: identifier and name of the numerics, each once.
+
+    Raises DldsimError for a wider domain that is none, or longer than the period of a pair.
+    """
+    study, names = config.reference, [CAMPAIGN, REFERENCE]
+    if study.wider_domain and study.pairs:
+        _check_wider(config)
+        names.insert(1, WIDER)
+    wanted = [(run, name) for name in names for run in study.pairs]
     return wanted + [(run, FINEST) for run in study.finest]
+
+
+def _check_wider(config: Config) -> None:
+    own, wider = config.numerics, config.reference.wider_domain
+    assert wider is not None
+    least = min(parse_outcome(run).geometry.periodicity for run in config.reference.pairs)
+    given = f"{wider.rows} rows and {wider.lanes} lanes"
+    if wider.rows > least:
+        raise DldsimError(
+            key="reference.wider_domain.rows",
+            value=wider.rows,
+            allowed=f"at most {least}, the smallest periodicity N_p of the pairs",
+            remedy="A domain repeats after a period: lower it.",
+        )
+    larger = wider.rows > own.rows or wider.lanes > own.lanes
+    if not larger or wider.rows < own.rows or wider.lanes < own.lanes:
+        raise DldsimError(
+            key="reference.wider_domain",
+            value=given,
+            allowed=f"more than the campaign's {own.rows} rows and {own.lanes} lanes",
+            remedy="Take a wider one, or null for none.",
+        )
 
 
 def study_numerics(name: str, config: Config) -> dict[str, Any]:
     """The section `numerics` of a pair, as plain values."""
     study = config.reference
+    wider = study.wider_domain
     changed = {
         CAMPAIGN: {},
+        WIDER: wider.model_dump() if wider else {},
         REFERENCE: study.numerics.model_dump(),
         FINEST: study.finest_numerics.model_dump(),
     }
@@ -47,12 +78,13 @@ def study_numerics(name: str, config: Config) -> dict[str, Any]:
 def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
     """Everything that one simulation of a pair depends on, as plain values.
 
-    At the campaign's numerics the cell is released and followed as in the campaign; where it goes
-    on with the settled cells of what was simulated before, that is among them.
+    At the campaign's numerics, in its domain and in a wider one, the cell is released and followed
+    as in the campaign; where it goes on with the settled cells of what was simulated before, that
+    is among them.
     """
     geometry, stiffness_set = parse_outcome(run)
     study, common = config.reference, common_sections(config)
-    if name == CAMPAIGN:
+    if name in (CAMPAIGN, WIDER):
         common["run_control"] = config.run_control.model_dump(mode="json")
     else:
         common["run_control"] |= {
@@ -85,11 +117,12 @@ def common_sections(config: Config) -> dict[str, Any]:
 DATA, MODEL = MODEL_PATH.parent, MODEL_PATH.name
 KEPT = {
     "reference_outcomes": "reference_outcomes",
+    "wider_outcomes": "reference_outcomes",
     "critical_gaps": "critical_gaps",
     "convergence": "convergence",
 }
-"""Tables that come with the package, and their kinds; the first is needed, the others where the
-critical gaps have been searched."""
+"""Tables that come with the package, and their kinds; the first is needed, the others where they
+were made."""
 REMEDY = (
     "Make it with `snakemake -j2 reference` and "
     "`python -m dldsim.evidence.reference_study results`."
@@ -99,8 +132,8 @@ REMEDY = (
 def install(results: Path, data: Path = DATA) -> list[Path]:
     """Copy the tables and the model of a study into the package; returns the files.
 
-    The tables keep the provenance that they carry; critical gaps may not have been searched. Raises
-    DldsimError if the outcomes or the model are missing, or any table is damaged or of another
+    The tables keep the provenance that they carry; only the first must be there. Raises DldsimError
+    if the outcomes or the model are missing, or any table is damaged or of another
     physics version; then nothing is copied.
     """
     from dldsim.files import atomic_path
@@ -139,8 +172,8 @@ def best_rows(rows: Sequence[tuple[str, str, Row]]) -> list[Row]:
     """The finest row of each pair, from (pair, name of the numerics, row)."""
     best: dict[str, tuple[int, Row]] = {}
     for pair, name, row in rows:
-        rank = (CAMPAIGN, REFERENCE, FINEST).index(name)
-        if rank and rank > best.get(pair, (0, None))[0]:
+        rank = (CAMPAIGN, WIDER, REFERENCE, FINEST).index(name)
+        if rank > best.get(pair, (1, None))[0]:
             best[pair] = rank, row
     return [row for _, row in best.values()]
 

@@ -184,6 +184,34 @@ def test_the_fit_separates_distance_and_share():
     json.dumps(fitted, allow_nan=False)
 
 
+def test_what_periodic_images_change_is_added():
+    """To the error beside the finer lattice, of which it is a part of its own; a pair without a
+    distance, or of another side, in the wider domain tells nothing of it."""
+    finer = {"spacing_um": 0.6}
+    rows = [outcome(BUMP, d, outcome_id=name) for name, d in (("a", 0.3), ("b", 0.2), ("c", 0.1))]
+    references = [(0.2, 0.25), (0.1, 0.30), (0.0, 0.2)]
+    pairs = [
+        (row, outcome(BUMP - off, d, **finer))
+        for row, (off, d) in zip(rows, references, strict=True)
+    ]
+    wider = {
+        "a": outcome(BUMP + 0.1, 0.26),
+        "b": outcome(BUMP - 0.2, 0.16),
+        "c": outcome(1.0, None),
+    }
+    fitted = fit_model(pairs, wider)
+    lane, share = fitted["distance"]["bump lane"], fitted["share"]
+    assert lane["pairs"] == share["pairs"] == 2
+    assert lane["rms"] == pytest.approx(math.hypot(0.05 + 0.04, -0.1 + 0.04) / math.sqrt(2))
+    assert lane["images"] == pytest.approx(0.04)
+    assert lane["lattice"] == pytest.approx(math.hypot(0.05, 0.1) / math.sqrt(2))
+    assert share["rms"] * BUMP == pytest.approx(math.hypot(0.2 - 0.1, 0.1 + 0.2) / math.sqrt(2))
+    alone = fit_model(pairs)
+    assert alone["distance"]["bump lane"]["pairs"] == 3 and alone["share"]["images"] is None
+    with pytest.raises(DldsimError, match="c was not simulated in a wider domain"):
+        fit_model(pairs, {k: wider[k] for k in "ab"})
+
+
 @pytest.mark.parametrize(
     "pairs",
     [

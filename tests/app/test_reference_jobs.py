@@ -88,6 +88,7 @@ def results(tmp_path_factory, config, pairs):
         pairs,
         SETTINGS,
         outcomes=folder / "reference_outcomes.parquet",
+        wider=folder / "wider_outcomes.parquet",
         model=folder / "sigma_num.json",
         check=folder / "sigma_num_check.parquet",
     )
@@ -140,6 +141,11 @@ def test_the_model_and_its_check_come_of_the_pairs(results, config):
     assert set(model["pairs"]) == set(config.reference.pairs)
     assert sum(side["pairs"] for side in model["distance"].values()) == len(config.reference.pairs)
     assert model["check"]["pairs"] == len(config.reference.pairs)
+    wider = read_rows("reference_outcomes", results / "reference" / "wider_outcomes.parquet")
+    assert {row["outcome_id"] for row in wider} == set(model["pairs"])
+    assert {(row["rows_in_domain"], row["lanes_in_domain"]) for row in wider} == {(4, 2)}
+    for side in model["distance"].values():
+        assert side["images"] == 0 < side["lattice"]  # as made up
     best = read_rows("reference_outcomes", results / "reference" / "reference_outcomes.parquet")
     finest = {r["outcome_id"] for r in best if r["wanted_spacing_um"] == 0.42}
     assert finest == set(config.reference.finest)
@@ -148,7 +154,7 @@ def test_the_model_and_its_check_come_of_the_pairs(results, config):
 def test_what_is_installed_comes_back(results, tmp_path):
     data = tmp_path / "data"
     files = reference_study.install(results, data)
-    assert len(files) == 4 and all(
+    assert len(files) == 5 and all(
         f.read_bytes() == (results / "reference" / f.name).read_bytes() for f in files
     )
     rows = reference_study.reference_outcomes(data)
