@@ -36,6 +36,7 @@ FIRST_STEP, LAST_STEP = 0.06, 0.02
 BUMPING = 0.97
 """Share of the row shift that a bumping sphere gains, two rows in succession."""
 GAP_NODES = "nodes per gap"
+SOURCE_OF_FOLLOWER = "streamlines of the same flow at mid-height (dldsim.evidence.streamlines)"
 
 
 class Passage(NamedTuple):
@@ -64,7 +65,8 @@ def rigid_transition() -> Iterator[Comparison]:
     the coupling and the film it leaves make larger by a part of a node; and, as a lower bound, the
     critical diameter of a point-like follower of the same flow at mid-height: the law, of finite
     spheres, lies 18 to 32 % above that of the plane, which a channel as high as the gap lowers by
-    5 to 12 %; and the diameter with a contact of shorter reach, which is all that differs.
+    5 to 12 %; the law lowered by as much, as if it were of deep devices; and the diameter with a
+    contact of shorter reach, which is all that differs.
     """
     coarser = {}
     for periodicity, pitch in TRANSITIONS:
@@ -99,8 +101,16 @@ def rigid_transition() -> Iterator[Comparison]:
         yield Comparison(
             "critical diameter beside streamline bound",
             middle,
-            critical_follower(flow),
-            source="streamlines of the same flow at mid-height (dldsim.evidence.streamlines)",
+            (follower := critical_follower(flow)),
+            source=SOURCE_OF_FOLLOWER,
+            **about,
+        )
+        deep = critical_follower(sphere_flow(periodicity, pitch, height_um=0.0))
+        yield Comparison(
+            "critical diameter beside the law at this height",
+            middle,
+            law * follower / deep,
+            source=f"{SOURCE_OF_DAVIS}, times what the height changes of the {SOURCE_OF_FOLLOWER}",
             **about,
         )
         yield Comparison("largest diameter that zigzags", low, law, source=SOURCE_OF_DAVIS, **about)
@@ -134,14 +144,17 @@ def rigid_transition() -> Iterator[Comparison]:
         )
 
 
-def sphere_flow(periodicity: int, pitch: int, contact: float = SPHERE_CONTACT) -> EmptyFlow:
+def sphere_flow(
+    periodicity: int, pitch: int, contact: float = SPHERE_CONTACT, height_um: float = GAP_UM
+) -> EmptyFlow:
     """Flow through the empty array, ``pitch`` and reach of the contact in nodes."""
     geometry = Geometry(pillar_radius_um=GAP_UM / 2, gap_um=GAP_UM, periodicity=periodicity)
     spacing = geometry.pitch_um / pitch
     numerics = Numerics(
         spacing_um=spacing, velocity_lu=SPHERE_VELOCITY, contact_range_um=contact * spacing
     )
-    return solve_empty_array(geometry, SPHERE_FLOW, numerics)
+    flow = SPHERE_FLOW.model_copy(update={"height_um": height_um})
+    return solve_empty_array(geometry, flow, numerics)
 
 
 def critical_interval(flow: EmptyFlow) -> tuple[float, float, list[Passage]]:

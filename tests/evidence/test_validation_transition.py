@@ -20,8 +20,8 @@ def spheres_that_bump_from(critical, asked, monkeypatch):
     monkeypatch.setattr(validation_transition, "sphere_passage", passage)
 
 
-def array(periodicity):
-    return SimpleNamespace(geometry=SimpleNamespace(periodicity=periodicity))
+def array(periodicity, height_um=20.0):
+    return SimpleNamespace(geometry=SimpleNamespace(periodicity=periodicity), height_um=height_um)
 
 
 @pytest.mark.parametrize("periodicity", [3, 10, 30])
@@ -36,18 +36,24 @@ def test_search_brackets_the_critical_diameter(monkeypatch, periodicity, share):
 
 def test_transition_is_compared_with_law_and_bound(monkeypatch):
     spheres_that_bump_from(0.5, [], monkeypatch)
-    monkeypatch.setattr(validation_transition, "sphere_flow", lambda n_p, *rest: array(n_p))
+    monkeypatch.setattr(
+        validation_transition,
+        "sphere_flow",
+        lambda n_p, *rest, height_um=20.0: array(n_p, height_um),
+    )
     monkeypatch.setattr(
         validation_transition,
         "critical_follower",
-        lambda flow: critical_diameter(0.8, 1 / flow.geometry.periodicity),
+        lambda flow: (
+            critical_diameter(0.8, 1 / flow.geometry.periodicity) * (1 if flow.height_um else 1.25)
+        ),
     )
     rows = run_case("rigid-transition")
     marked = [row for row in rows if row["mark"] is not None]
     again = [row for row in rows if row["variant"] == "extrapolated"]
     thin = [row for row in rows if "contact of 0.1 nodes" in row["quantity"]]
     others = len(again) + len(thin)
-    assert len(marked) == len(validation_transition.TRANSITIONS) == (len(rows) - others) / 4
+    assert len(marked) == len(validation_transition.TRANSITIONS) == (len(rows) - others) / 5
     assert [row["parameter"] for row in thin] == [10, 16]
     assert [row["parameter"] for row in again] == [5, 10]
     for row in marked:
@@ -57,6 +63,8 @@ def test_transition_is_compared_with_law_and_bound(monkeypatch):
     bounds = [r["reference"] for r in rows if r["quantity"].endswith("streamline bound")]
     laws = [critical_diameter(1, 1 / row["parameter"]) for row in marked]
     assert bounds == pytest.approx([0.8 * law for law in laws])
+    here = [r["reference"] for r in rows if r["quantity"].endswith("law at this height")]
+    assert here == pytest.approx([law / 1.25 for law in laws])
 
 
 def test_a_small_sphere_zigzags_and_a_large_one_bumps():
