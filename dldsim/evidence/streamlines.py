@@ -51,7 +51,7 @@ def _middle_layer(flow: EmptyFlow, array: ArrayLattice) -> np.ndarray:
 
 def _passes_above(distances, velocity, array: ArrayLattice) -> np.ndarray:
     """Whether streamlines that start at these distances (n,), nodes, from the first pillar, in the
-    gap above it, pass above the pillar of the next row."""
+    gap above it, pass above the pillar of the next row. What begins or ends at rest does not."""
     pitch = array.pitch
     x = np.full(len(distances), pitch / 2)
     y = pitch / 2 + array.radius + distances
@@ -69,4 +69,4 @@ def _passes_above(distances, velocity, array: ArrayLattice) -> np.ndarray:
         if not going.any():
             break
         x, y = x + STEP * dx * going, y + STEP * dy * going
-    return y > pitch / 2 + array.row_shift
+    return (x >= last) & (y > pitch / 2 + array.row_shift)

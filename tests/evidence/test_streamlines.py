@@ -28,6 +28,14 @@ def test_in_the_plane_it_is_twice_the_first_lane(periodicity):
     assert follower(periodicity) == pytest.approx(known, rel=0.01)
 
 
+def test_a_streamline_that_begins_at_rest_passes_nothing():
+    """On the pillar, where the first node in the gap is solid."""
+    geometry = Geometry(pillar_radius_um=12.5, gap_um=15.0, periodicity=8)
+    flow = Flow(mean_velocity_mm_s=1.0, height_um=0.0)
+    found = solve_empty_array(geometry, flow, Numerics(spacing_um=1.0, velocity_lu=0.003))
+    assert critical_follower(found) == pytest.approx(0.43, abs=0.02)
+
+
 def test_it_is_smaller_in_a_lower_channel_and_its_own_in_half_a_scene():
     deep, low = follower(10), follower(10, GAP_UM)
     assert low == pytest.approx(0.91 * deep, rel=0.01)
