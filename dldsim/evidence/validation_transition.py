@@ -7,12 +7,12 @@ import numpy as np
 
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics, Stiffness
 from dldsim.errors import DldsimError
-from dldsim.evidence.streamlines import critical_follower
 from dldsim.evidence.validation import Comparison
 from dldsim.experiments.array_run import Path, row_patience
 from dldsim.experiments.array_scene import make_scene
 from dldsim.experiments.runner import Stop, advance_until
 from dldsim.experiments.shear import inertia_ellipse
+from dldsim.experiments.streamlines import critical_follower
 from dldsim.laws import SCATTER_OF_DAVIS, SOURCE_OF_DAVIS, critical_diameter
 from dldsim.solver.flow import EmptyFlow, array_of, solve_empty_array
 from dldsim.solver.observe import Sample
@@ -36,7 +36,7 @@ FIRST_STEP, LAST_STEP = 0.06, 0.02
 BUMPING = 0.97
 """Share of the row shift that a bumping sphere gains, two rows in succession."""
 GAP_NODES = "nodes per gap"
-SOURCE_OF_FOLLOWER = "streamlines of the same flow at mid-height (dldsim.evidence.streamlines)"
+SOURCE_OF_FOLLOWER = "streamlines of the same flow at mid-height (dldsim.experiments.streamlines)"
 
 
 class Passage(NamedTuple):
@@ -98,14 +98,16 @@ def rigid_transition() -> Iterator[Comparison]:
             note=note,
             **about,
         )
+        follower = critical_follower(flow)
+        deep = critical_follower(sphere_flow(periodicity, pitch, height_um=0.0))
+        assert follower and deep  # these arrays make followers bump
         yield Comparison(
             "critical diameter beside streamline bound",
             middle,
-            (follower := critical_follower(flow)),
+            follower,
             source=SOURCE_OF_FOLLOWER,
             **about,
         )
-        deep = critical_follower(sphere_flow(periodicity, pitch, height_um=0.0))
         yield Comparison(
             "critical diameter beside the law at this height",
             middle,

@@ -17,7 +17,14 @@ Progress = Callable[[str], None]
 
 def flow_row(result) -> dict:
     """Row of `flows` of an EmptyFlow."""
-    return {"stop_reason": "the mean velocity is steady", **result.summary()}
+    from dldsim.experiments.streamlines import critical_follower
+
+    follower = critical_follower(result)
+    return {
+        "stop_reason": "the mean velocity is steady",
+        **result.summary(),
+        "follower_diameter_um": None if follower is None else follower * result.geometry.gap_um,
+    }
 
 
 class OutcomeFiles(NamedTuple):

@@ -198,6 +198,11 @@ TABLES = {
             real("lateral_flux_ratio", "1", "lateral / axial flux with the drive in force"),
             real("drag_over_mu_U", "1", "drag of a pillar per length / (μU)"),
             real("force_ratio_y_over_x", "1", "lateral / axial body force of the drive in force"),
+            real(
+                "follower_diameter_um",
+                "µm",
+                "critical diameter of a point-like follower, mid-height",
+            ),
             real("spacing_um", "µm", "lattice spacing"),
             count("nodes", "fluid nodes"),
         ),

@@ -341,6 +341,7 @@ def test_a_flow_that_cannot_be_written_leaves_no_part(files, monkeypatch, tmp_pa
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("dldsim.solver.flow.solve_empty_array", lambda *sections: Flow())
+    monkeypatch.setattr("dldsim.experiments.streamlines.critical_follower", lambda flow: None)
     monkeypatch.setattr(np, "savez", full)
     with pytest.raises(OSError):
         jobs.flow_job(GEOMETRY, SETTINGS, **files, progress=print)

@@ -21,6 +21,7 @@ def contents(page: Page) -> dict | None:
                 "permeability/λ²": numbers(table["permeability_over_pitch2"]),
                 "tilt [°]": decimals(table["tilt_deg"]),
                 "lateral/axial flux": numbers(table["lateral_flux_ratio"], 2),
+                "follower D_c [µm]": decimals(table["follower_diameter_um"]),
                 "Δx [µm]": numbers(table["spacing_um"]),
                 "nodes": numbers(table["nodes"]),
                 "steps": numbers(table["steps"]),

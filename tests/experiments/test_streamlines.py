@@ -4,7 +4,7 @@ import pytest
 
 from dldsim.config.sections import Flow, Geometry, Numerics
 from dldsim.evidence.reference import read_reference
-from dldsim.evidence.streamlines import critical_follower
+from dldsim.experiments.streamlines import critical_follower
 from dldsim.solver.flow import solve_empty_array
 
 GAP_UM = 20.0

@@ -1,7 +1,6 @@
 """What a point-like follower of the flow through an empty array does: a bound for particles."""
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from dldsim.solver.d3q19 import VELOCITIES
 from dldsim.solver.flow import EmptyFlow, array_of
@@ -13,10 +12,14 @@ STEP = 0.25
 STARTS = 33
 """Streamlines that are followed at once; the bracket shrinks by one less each time."""
 ROUNDS = 3
+GHOSTS = 1.5
+"""How deep in a pillar nodes take part in interpolation, nodes."""
+GHOST_ROUNDS = 4
+"""What is outside lies in part between nodes inside: so often are they set."""
 
 
-def critical_follower(flow: EmptyFlow) -> float:
-    """Critical diameter over gap of a point-like follower at mid-height.
+def critical_follower(flow: EmptyFlow) -> float | None:
+    """Critical diameter over gap of a point-like follower at mid-height; None if all zigzag.
 
     Twice the distance from a pillar, in the gap beside it, of the streamline that ends at the next
     pillar: what is nearer zigzags, what is further out bumps. In the plane it is twice the width of
@@ -29,14 +32,20 @@ def critical_follower(flow: EmptyFlow) -> float:
     for _ in range(ROUNDS):
         starts = np.linspace(low, high, STARTS)
         above = _passes_above(starts, velocity, array)
-        first = int(np.argmax(above)) if above.any() else STARTS - 1
+        if not above.any():
+            return None
+        first = int(np.argmax(above))
         low, high = starts[max(first - 1, 0)], starts[first]
     return float((low + high) / (array.pitch - 2 * array.radius))
 
 
 def _middle_layer(flow: EmptyFlow, array: ArrayLattice) -> np.ndarray:
     """Velocity along x and y at mid-height on 3 × 4 pitches (2, 3 pitch, 4 pitch), from a pitch
-    below the origin on; zero in solids."""
+    below the origin on.
+
+    Nodes in pillars have the opposite of what is as far outside, so that it vanishes on the surface
+    and not at the nodes.
+    """
     lattice, pitch = array.lattice, array.pitch
     f = flow.populations.reshape(19, -1)[:, : lattice.nodes]
     u = (VELOCITIES.T @ f)[:2] - np.asarray(flow.body_force)[:2, None] / 2
@@ -46,7 +55,26 @@ def _middle_layer(flow: EmptyFlow, array: ArrayLattice) -> np.ndarray:
         middle = u[:, :, [(lattice.nz - 1) // 2, lattice.nz // 2]].mean(axis=2)
     ix, iy = np.indices((3 * pitch, 4 * pitch)).reshape(2, -1) - pitch
     column = lattice.column[neighbour((lattice.nx, lattice.ny), lattice.row_shift, ix, iy, 0, 0)]
-    return np.where(column >= 0, middle[:, column], 0.0).reshape(2, 3 * pitch, 4 * pitch)
+    u = np.where(column >= 0, middle[:, column], 0.0).reshape(2, 3 * pitch, 4 * pitch)
+    row = np.floor(ix / pitch)
+    x = ix + 0.5 - (row + 0.5) * pitch  # from the centre of the nearest pillar
+    y = iy + 0.5 - pitch / 2 - row * array.row_shift
+    y -= np.round(y / pitch) * pitch
+    distance = np.hypot(x, y)
+    ghost = np.flatnonzero((column < 0) & (distance > array.radius - GHOSTS))
+    beyond = 2 * (array.radius / distance[ghost] - 1)
+    at = np.array([ix, iy])[:, ghost] + pitch + beyond * np.array([x, y])[:, ghost]
+    for _ in range(GHOST_ROUNDS):
+        outside = _at(at, u)
+        u.reshape(2, -1)[:, ghost] = -outside
+    return u
+
+
+def _at(place: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Velocity (2, n) at places (2, n) in nodes of the field, linear between them."""
+    from scipy.ndimage import map_coordinates
+
+    return np.array([map_coordinates(part, place, order=1, mode="nearest") for part in velocity])
 
 
 def _passes_above(distances, velocity, array: ArrayLattice) -> np.ndarray:
@@ -58,8 +86,7 @@ def _passes_above(distances, velocity, array: ArrayLattice) -> np.ndarray:
     last = 1.5 * pitch
 
     def direction(x, y):
-        at = np.array([x, y]) + pitch - 0.5  # node i sits at i + 1/2
-        u = np.array([map_coordinates(part, at, order=1, mode="nearest") for part in velocity])
+        u = _at(np.array([x, y]) + pitch - 0.5, velocity)  # node i sits at i + 1/2
         return u / np.maximum(np.hypot(*u), np.finfo(float).tiny)
 
     for _ in range(int(4 * pitch / STEP)):
