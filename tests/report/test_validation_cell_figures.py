@@ -17,7 +17,10 @@ def table(monkeypatch, tmp_path):
     """Table `validation` of the three cases, with stand-ins for their runs."""
     monkeypatch.setattr(validation_capsule, "shear_run", steady_capsule)
     monkeypatch.setattr(validation_constriction, "simulate_constriction", passing(shift=0.02))
-    monkeypatch.setattr(validation_transition, "sphere_flow", lambda n_p, *rest: array(n_p))
+    monkeypatch.setattr(
+        validation_transition, "sphere_flow", lambda n_p, *rest, **height: array(n_p)
+    )
+    monkeypatch.setattr(validation_transition, "critical_follower", lambda flow: 0.3)
     spheres_that_bump_from(0.5, [], monkeypatch)
     rows = [
         row
