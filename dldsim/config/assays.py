@@ -187,5 +187,5 @@ def settings_of_passages(
 
 NOT_OF_A_POINT = {"cells", "between", "viscosity_mPa_s"}
 """Settings of an assay that say which points there are, or are handed out as the flow's."""
-NOT_IN_ASSAYS = {"spacing_um", "bounce_back", "rows", "lanes"}
+NOT_IN_ASSAYS = {"spacing_um", "bounce_back", "rows", "lanes", "images"}
 """Numerics of arrays; an assay has a spacing of its own."""

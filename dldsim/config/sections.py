@@ -177,6 +177,12 @@ class Numerics(Section):
     )
     rows: int = Field(2, ge=1, le=100, description="pillar rows in the domain (1 … N_p)")
     lanes: int = Field(1, ge=1, le=20, description="pillars per row in the domain")
+    images: Literal["aligned", "dilute"] = Field(
+        "aligned",
+        description="periodic images of the cell: with the mean flux held; or without what they do "
+        "to the mean flow, as of one cell in an endless array, for which lanes must be rows or "
+        "twice rows, and then the images are staggered",
+    )
     coupling: Literal["no-slip", "dissipative"] = Field(
         "no-slip", description="how membrane and fluid are tied"
     )
@@ -204,6 +210,17 @@ class Numerics(Section):
         description="of the area terms on a face's vertices: towards its centroid, as in the "
         "source, which resists shear; or along the gradient of its area",
     )
+
+    @model_validator(mode="after")
+    def _dilute_images_are_square(self) -> "Numerics":
+        if self.images == "dilute" and self.lanes not in (self.rows, 2 * self.rows):
+            raise Unfit("images: dilute with lanes = rows or 2 rows", "images", "rows", "lanes")
+        return self
+
+    @property
+    def staggered(self) -> bool:
+        """Whether images ahead are half of the lanes aside, so that all form a square lattice."""
+        return self.images == "dilute" and self.lanes == 2 * self.rows
 
 
 def thousandths(value: float) -> float:

@@ -143,7 +143,7 @@ def check_settings(
     sections = {
         "cell": ("aspect_ratio",),
         "flow": ("viscosity_mPa_s", "drive"),
-        "numerics": ("contact_range_um", "area_forces"),
+        "numerics": ("contact_range_um", "area_forces", "images"),
     }
     if simulate:
         sections["cell"] = ("aspect_ratio", "axis")

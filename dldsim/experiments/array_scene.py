@@ -72,7 +72,11 @@ def make_scene(
             "plates": True,
             "height": float(array.height),
         },
-        make_drive(array.lattice, mobility, (numerics.velocity_lu, 0.0)) if driven else None,
+        make_drive(
+            array.lattice, mobility, (numerics.velocity_lu, 0.0), numerics.images == "dilute"
+        )
+        if driven
+        else None,
     )
     gap = array.pitch - 2 * array.radius
     lateral = row_origin(array, 0)[1] + array.radius + cell.release_gap_fraction * gap

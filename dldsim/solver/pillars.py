@@ -72,6 +72,7 @@ def make_array(geometry: Geometry, flow: Flow, numerics: Numerics) -> ArrayLatti
         height,
         walls=walls,
         half=walls and numerics.half_scene,
+        staggered=numerics.staggered,
         bounce_back=numerics.bounce_back,
         precision=numerics.precision,
     )
@@ -90,10 +91,14 @@ def make_pillars(
     *,
     walls: bool = False,
     half: bool = False,
+    staggered: bool = False,
     bounce_back: str = "interpolated",
     precision: str = "float64",
 ) -> Lattice:
-    """Lattice of ``rows`` × ``lanes`` pillars, lengths in nodes; ``shift`` 0 is a square array."""
+    """Lattice of ``rows`` × ``lanes`` pillars, lengths in nodes; ``shift`` 0 is a square array.
+
+    ``staggered``: along x the domain repeats half of the lanes aside.
+    """
     x, y = np.meshgrid(np.arange(rows * pitch) + 0.5, np.arange(lanes * pitch) + 0.5, indexing="ij")
     dx, dy = offset_from_pillar(x, y, pitch, shift)
     surface = ON_SURFACE if bounce_back == "interpolated" else 0.0
@@ -113,7 +118,7 @@ def make_pillars(
         height,
         walls=walls,
         half=half,
-        row_shift=rows * shift,
+        row_shift=rows * shift + staggered * (lanes // 2) * pitch,
         link_fraction=link_fraction if bounce_back == "interpolated" else None,
         dtype=np.dtype(precision),
     )

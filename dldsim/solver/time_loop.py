@@ -50,12 +50,21 @@ CONTROL_TIME = 600.0  # steps in which a deviation of the mean velocity is corre
 class Drive(NamedTuple):
     """Control of the body force: f += gain · (target - mean velocity), x and y.
 
-    ``gain`` (2, 2), zero for a scene without a drive; ``target`` (2,); ``nodes`` of fluid and
-    ``volume`` of the box; ``middle``: nodes of a column whose last one is on a mirror and counts
-    half, 0 if there is none; ``mean`` (2,): see `mean_velocity`.
+    With a cell in every domain the mean velocity ⟨u⟩ is K f + δ: what the force f drives without
+    cells, and what they do, δ. The flow that meets a cell is K f and the images' part of δ: all of
+    it for dense rows of cells, half of it, as for the Lorentz field of dipoles in the plane, where
+    the images form a square lattice. The rest of δ is the cell's own, and in an endless array is
+    spread over it. So a cell alone has the wanted flow where (⟨u⟩ + K f)/2 is the target.
+
+    ``gain`` (2, 2), zero for a scene without a drive; ``unhindered`` (2, 2): K/2 where images are
+    taken out, else zero; ``held``: share of ⟨u⟩ that counts, 1/2 or 1; ``target`` (2,); ``nodes``
+    of fluid and ``volume`` of the box; ``middle``: nodes of a column whose last one is on a mirror
+    and counts half, 0 if there is none; ``mean`` (2,): see `mean_velocity`.
     """
 
     gain: np.ndarray
+    unhindered: np.ndarray
+    held: float
     target: np.ndarray
     nodes: int
     volume: float
@@ -63,16 +72,21 @@ class Drive(NamedTuple):
     mean: np.ndarray
 
 
-def make_drive(lattice: Lattice, mobility=None, target=(0.0, 0.0)) -> Drive:
+def make_drive(lattice: Lattice, mobility=None, target=(0.0, 0.0), dilute: bool = False) -> Drive:
     """Control towards the mean velocity ``target`` (2,), lattice units.
 
-    ``mobility`` (2, 2): mean velocity per force density; None leaves the body force as it is.
+    ``mobility`` K (2, 2): mean velocity per force density without a cell, infinite where the force
+    is not to be changed; None leaves the body force as it is. ``dilute``: see `Drive`.
     """
-    gain = np.zeros((2, 2))
+    gain, unhindered = np.zeros((2, 2)), np.zeros((2, 2))
     if mobility is not None:
         gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
+        if dilute:
+            unhindered = np.where(np.isfinite(mobility), mobility, 0.0) / 2
     return Drive(
         gain,
+        unhindered,
+        0.5 if dilute else 1.0,
         np.asarray(target, float),
         lattice.nodes,
         float(lattice.volume),
@@ -169,10 +183,12 @@ def step_fluid(step, fluid, before, drive, everywhere):
     parameters = fluid.scheme.parameters
     if control:
         mean_velocity(fluid.velocity, drive)
-        for d in range(2):
-            for e in range(2):
-                correction = drive.gain[d, e] * (drive.target[e] - drive.mean[e])
-                parameters.body_force[d] += correction
+        fx, fy = parameters.body_force[0], parameters.body_force[1]
+        for e in range(2):
+            met = drive.held * drive.mean[e]
+            met += drive.unhindered[e, 0] * fx + drive.unhindered[e, 1] * fy
+            for d in range(2):
+                parameters.body_force[d] += drive.gain[d, e] * (drive.target[e] - met)
     if damping:
         damp_staggered_momentum(fluid.f, before, fluid.scheme)
 

@@ -37,6 +37,24 @@ def test_the_body_force_is_corrected_by_what_the_mean_velocity_lacks(coupling):
     np.testing.assert_allclose(body_force(scene), [*expected, 0.0], rtol=1e-9)
 
 
+def test_of_dilute_images_what_the_force_drives_without_a_cell_counts_half():
+    """At rest half of what it drives is lacking no more, along axes that are controlled."""
+    force = np.array([2e-6, 1e-6])
+    share = CONTROL_INTERVAL / CONTROL_TIME
+    for mobility in (MOBILITY, np.diag([MOBILITY[0, 0], np.inf])):
+        scene = make_cell()
+        scene.fluid.set_body_force((*force, 0.0))
+        scene.drive = make_drive(scene.fluid.lattice, mobility, TARGET, dilute=True)
+        scene.drive.mean[:] = np.nan  # is measured
+        scene.advance(CONTROL_INTERVAL)
+        finite = np.where(np.isfinite(mobility), mobility, 0)
+        met = (scene.drive.mean + finite @ force) / 2
+        expected = force + share * np.linalg.inv(mobility) @ (np.array(TARGET) - met)
+        np.testing.assert_allclose(body_force(scene)[:2], expected, rtol=1e-9)
+        assert abs(scene.drive.mean).max() > 1e-6
+    assert body_force(scene)[1] == force[1]
+
+
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("inertia", ["stokes", "navier-stokes"])
 @pytest.mark.parametrize("collision", ["trt", "bgk"])
