@@ -144,12 +144,6 @@ class Reference(Section):
     reynolds_max: list[Annotated[float, Field(ge=1e-6, le=100)]] = Field(
         [0.3, 0.15, 0.075], description="numerical Reynolds numbers of the searches, falling"
     )
-    rows_in_domain: list[Annotated[int, Field(ge=1, le=100)]] = Field(
-        [], description="numerics.rows of the searches: rows between a cell and its images"
-    )
-    lanes_in_domain: list[Annotated[int, Field(ge=1, le=20)]] = Field(
-        [], description="numerics.lanes of the searches: lanes between a cell and its images"
-    )
 
     @model_validator(mode="after")
     def _finest_are_pairs(self) -> "Reference":

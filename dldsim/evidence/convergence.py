@@ -1,19 +1,10 @@
-"""Order and limit of critical gaps over the numerical settings that are changed one at a time."""
+"""Order and limit of critical gaps over the lattice spacing and the numerical Reynolds number."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from dldsim.config.configuration import Config
-from dldsim.evidence.critical_gaps import (
-    LANES,
-    REYNOLDS,
-    ROWS,
-    SPACING,
-    Search,
-    knobs,
-    search_id,
-    transitions,
-)
+from dldsim.evidence.critical_gaps import REYNOLDS, SPACING, Search, knobs, search_id, transitions
 from dldsim.evidence.reference_study import Row
 
 
@@ -47,12 +38,7 @@ def extrapolate(steps: Sequence[float], values: Sequence[float], order: float) -
     return v3 - (v2 - v3) * h3**order / (h2**order - h3**order)
 
 
-STEP_OF: dict[str, Callable[[Row], float | None]] = {
-    SPACING: lambda row: row["spacing_um"],
-    REYNOLDS: lambda row: row["lag_number"],
-    ROWS: lambda row: 1 / row["rows_in_domain"],
-    LANES: lambda row: 1 / row["lanes_in_domain"],
-}
+STEP_OF = {SPACING: "spacing_um", REYNOLDS: "lag_number"}
 """What counts as the step h of a knob: what the runs had, not what was asked for."""
 
 
@@ -68,10 +54,7 @@ def convergence_table(rows: Sequence[Row], config: Config) -> list[dict[str, Any
         for knob, values in knobs(config.reference).items():
             own = getattr(config.numerics, knob)
             at = {v: first._replace(knob=knob, rank=i) for i, v in enumerate(values)} | {own: first}
-            if len(at) == 1:
-                continue
-            falling = sorted(at, reverse=knob not in (ROWS, LANES))
-            of = [found[search_id(at[value])] for value in falling]
+            of = [found[search_id(at[value])] for value in sorted(at, reverse=True)]
             result.append(_converged(of, knob, found[search_id(first)]))
     return result
 
@@ -79,7 +62,7 @@ def convergence_table(rows: Sequence[Row], config: Config) -> list[dict[str, Any
 def _converged(rows: Sequence[Row], knob: str, campaign: Row) -> dict[str, Any]:
     """One row of `convergence`; ``rows`` from coarse to fine."""
     gaps = [row["critical_gap_um"] for row in rows]
-    steps = [STEP_OF[knob](row) for row in rows]
+    steps = [row[STEP_OF[knob]] for row in rows]
     order = limit = None
     note = ""
     if None in gaps:

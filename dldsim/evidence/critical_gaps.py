@@ -7,8 +7,7 @@ shows whether and how fast it converges (:mod:`dldsim.evidence.convergence`).
 One thing is changed at a time. The row shift must be a whole number of nodes, so that the lattice
 spacing follows the gap; within a search the number of nodes per row shift is held, which keeps the
 spacing in proportion to the pitch. The spacing at the critical gap is recorded, and is what orders
-of convergence are computed with; likewise the numerical Reynolds number that the runs had. Rows and
-lanes of the domain tell how far a cell is from its periodic images. The
+of convergence are computed with; likewise the numerical Reynolds number that the runs had. The
 height on the lattice, a whole number of nodes, changes by up to half a node and is recorded too.
 
 The plan is read by rule files: nothing heavy is imported at the top.
@@ -33,7 +32,7 @@ POINTS = 10
 """Gaps simulated in a search at most; four to seven are usual."""
 SPHERE = "sphere"
 """Stands for the stiffness set of a stiff sphere."""
-SPACING, REYNOLDS, ROWS, LANES = "spacing_um", "reynolds_max", "rows", "lanes"
+SPACING, REYNOLDS = "spacing_um", "reynolds_max"
 BRACKET_OF_LAW = 0.75, 1.3
 """Bracket of a sphere's critical gap over that of the law, whose own scatter is ±10 %."""
 
@@ -94,17 +93,9 @@ def transitions(study: Reference) -> list[CriticalGap]:
 def searches(config: Config) -> list[Search]:
     """All searches: of each transition one at the campaign's numerics, and one per other value.
 
-    Raises DldsimError if a transition is named twice, or has fewer rows than a domain of the study.
+    Raises DldsimError if a transition is named twice.
     """
     study = config.reference
-    shortest = min((gap.periodicity for gap in transitions(study)), default=None)
-    if shortest and max(study.rows_in_domain, default=0) > shortest:
-        raise DldsimError(
-            key="reference.rows_in_domain",
-            value=max(study.rows_in_domain),
-            allowed=f"at most {shortest}, the smallest periodicity N_p of the transitions",
-            remedy="A domain repeats after a period: lower it, or leave the transition out.",
-        )
     wanted = []
     for gap in transitions(study):
         first = Search(gap.pillar_radius_um, gap.periodicity, gap.stiffness_set)
@@ -121,14 +112,8 @@ def searches(config: Config) -> list[Search]:
     return wanted
 
 
-def knobs(study: Reference) -> dict[str, Sequence[float]]:
-    """Values of `numerics` by the setting that takes them in turn."""
-    return {
-        SPACING: study.spacings_um,
-        REYNOLDS: study.reynolds_max,
-        ROWS: study.rows_in_domain,
-        LANES: study.lanes_in_domain,
-    }
+def knobs(study: Reference) -> dict[str, list[float]]:
+    return {SPACING: study.spacings_um, REYNOLDS: study.reynolds_max}
 
 
 def _array(search: Search, gap_um: float) -> Geometry:
@@ -365,8 +350,6 @@ def result(search: Search, points: Sequence[Row], settings: Mapping[str, Any]) -
         "spacing_asked_um": settings["numerics"][SPACING],
         "spacing_um": at_gap("spacing_um"),
         "reynolds_max": settings["numerics"][REYNOLDS],
-        "rows_in_domain": settings["numerics"][ROWS],
-        "lanes_in_domain": settings["numerics"][LANES],
         "lag_number": at_gap("lag_number"),
         "critical_gap_um": gap,
         "low_um": low["gap_um"] if low else None,

@@ -96,8 +96,6 @@ TABLES = {
         real("spacing_asked_um", "µm", "numerics.spacing_um of the search"),
         real("spacing_um", "µm", "lattice spacing at the critical gap", nullable=True),
         real("reynolds_max", "1", "numerics.reynolds_max of the search"),
-        count("rows_in_domain", "numerics.rows of the search"),
-        count("lanes_in_domain", "numerics.lanes of the search"),
         *optional(
             real("lag_number", "1", "numerical Reynolds number at the critical gap"),
             real("critical_gap_um", "µm", "gap at which the transition distance vanishes"),
@@ -118,12 +116,7 @@ TABLES = {
         text("cell_shape", "rest shape"),
         real("cell_radius_um", "µm", "largest radius of the rest shape"),
         text("knob", "setting that is changed, all else the campaign's"),
-        Column(
-            "steps",
-            pa.list_(FLOAT),
-            "µm or 1",
-            "spacing, numerical Reynolds number, 1/rows or 1/lanes",
-        ),
+        Column("steps", pa.list_(FLOAT), "µm or 1", "spacing, or numerical Reynolds number"),
         Column("critical_gaps_um", pa.list_(FLOAT), "µm", "critical gap at each step"),
         *optional(
             real("range_um", "µm", "largest difference between these gaps"),

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dldsim.config.study_sections import CriticalDiameter
 from dldsim.evidence import convergence, critical_gaps
-from dldsim.evidence.critical_gaps import LANES, REYNOLDS, ROWS, SPACING
+from dldsim.evidence.critical_gaps import REYNOLDS, SPACING
 from tests.evidence.test_critical_gaps import SEARCH
 
 
@@ -21,7 +20,7 @@ def test_the_campaigns_own_value_need_not_be_named(config):
     ]
     assert found == [0, 1, 2]
     rows = convergence.convergence_table(
-        gaps_of(coarse, lambda h, re, images: 17 + 0.4 * h**2 - 3 * re), coarse
+        gaps_of(coarse, lambda h, re: 17 + 0.4 * h**2 - 3 * re), coarse
     )
     for row in rows:
         if row["knob"] == SPACING:
@@ -43,12 +42,11 @@ def test_no_order_where_values_oscillate_rest_or_diverge(values):
 
 
 def gaps_of(config, gap):
-    """Rows of `critical_gaps` of the plan, the gap a function of spacing, Re and images."""
+    """Rows of `critical_gaps` of the plan, the critical gap a function of spacing and Re."""
     rows = []
     for one in critical_gaps.searches(config):
         numerics = critical_gaps.search_settings(one, config)["numerics"]
         spacing, lag = numerics["spacing_um"], numerics["reynolds_max"]
-        images = 1 / numerics["rows"] + 1 / numerics["lanes"]
         rows.append(
             {
                 "search": critical_gaps.search_id(one),
@@ -59,9 +57,7 @@ def gaps_of(config, gap):
                 "cell_radius_um": 7.5,
                 "spacing_um": spacing,
                 "lag_number": lag,
-                "rows_in_domain": numerics["rows"],
-                "lanes_in_domain": numerics["lanes"],
-                "critical_gap_um": gap(spacing, lag, images),
+                "critical_gap_um": gap(spacing, lag),
                 "low_um": 16.99,
                 "high_um": 17.01,
             }
@@ -70,29 +66,13 @@ def gaps_of(config, gap):
 
 
 def test_convergence_of_a_made_up_study(config):
-    """Second order in the spacing, first in the numerical Reynolds number and over the distance of
-    images, each seen alone."""
-    study = config.reference.model_copy(
-        update={
-            "rows_in_domain": [8, 4, 2],
-            "lanes_in_domain": [2, 4],
-            "critical_gaps": [g for g in config.reference.critical_gaps if g.periodicity >= 8],
-            "critical_diameters": CriticalDiameter(),
-        }
-    )
-    config = config.model_copy(update={"reference": study})
+    """Second order in the spacing, first in the numerical Reynolds number, each seen alone."""
     rows = convergence.convergence_table(
-        gaps_of(config, lambda h, re, images: 17 + 0.4 * h**2 - 3 * re + 0.5 * images), config
+        gaps_of(config, lambda h, re: 17 + 0.4 * h**2 - 3 * re), config
     )
-    assert len(rows) == 4 * len(critical_gaps.transitions(config.reference))
-    knobs = {
-        SPACING: (2, 0.4 * 1.25**2),
-        REYNOLDS: (1, -3 * 0.15),
-        ROWS: (1, 0.5 / 2),
-        LANES: (1, 0.5),
-    }
+    assert len(rows) == 2 * len(critical_gaps.transitions(config.reference))
     for row in rows:
-        order, error = knobs[row["knob"]]
+        order, error = {SPACING: (2, 0.4 * 1.25**2), REYNOLDS: (1, -3 * 0.15)}[row["knob"]]
         assert row["observed_order"] == pytest.approx(order, rel=1e-6)
         assert row["error_um"] == pytest.approx(error)
         assert row["range_um"] == pytest.approx(
@@ -101,7 +81,7 @@ def test_convergence_of_a_made_up_study(config):
 
 
 def test_a_missing_gap_leaves_no_order(config):
-    rows = gaps_of(config, lambda h, re, images: None if h < 0.7 else 17.0)
+    rows = gaps_of(config, lambda h, re: None if h < 0.7 else 17.0)
     by_knob = itertools.groupby(
         convergence.convergence_table(rows, config), key=lambda row: row["knob"]
     )
@@ -112,13 +92,6 @@ def test_a_missing_gap_leaves_no_order(config):
 
 def test_an_order_within_the_brackets_is_called_uncertain(config):
     rows = convergence.convergence_table(
-        gaps_of(config, lambda h, re, images: 17 + 0.001 * h + 0.001 * re), config
+        gaps_of(config, lambda h, re: 17 + 0.001 * h + 0.001 * re), config
     )
-    assert all("uncertain" in row["note"] for row in rows if row["knob"] in (SPACING, REYNOLDS))
-
-
-def test_what_is_not_varied_has_no_row(config):
-    study = config.reference.model_copy(update={"rows_in_domain": [], "lanes_in_domain": [1]})
-    config = config.model_copy(update={"reference": study})
-    rows = convergence.convergence_table(gaps_of(config, lambda h, re, images: 17.0), config)
-    assert {row["knob"] for row in rows} == {SPACING, REYNOLDS}
+    assert all("uncertain" in row["note"] for row in rows)

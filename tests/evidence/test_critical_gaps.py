@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dldsim.config.study_sections import CriticalGap
-from dldsim.errors import DldsimError
 from dldsim.evidence import critical_gaps
-from dldsim.evidence.critical_gaps import LANES, REYNOLDS, ROWS, SPACING, SPHERE, Search, Start
+from dldsim.evidence.critical_gaps import REYNOLDS, SPACING, SPHERE, Search, Start
 from dldsim.evidence.reference_study import CAMPAIGN
 from dldsim.laws import whole_shift_spacing
 
@@ -49,8 +48,6 @@ def test_each_transition_is_searched_at_each_value_once(config):
         (SPACING, 2),
         (REYNOLDS, 0),
         (REYNOLDS, 2),
-        (ROWS, 1),
-        (LANES, 1),
     ]
     spheres = [s for s in critical_gaps.searches(config) if s.stiffness_set == SPHERE]
     assert {s.periodicity for s in spheres} == {5, 10, 16}
@@ -61,14 +58,6 @@ def test_one_setting_at_a_time(config):
     assert own["numerics"] == config.numerics.model_dump(mode="json")
     finer = critical_gaps.search_settings(SEARCH._replace(knob=SPACING, rank=2), config)
     assert finer == own | {"numerics": own["numerics"] | {"spacing_um": 0.63}}
-    longer = critical_gaps.search_settings(SEARCH._replace(knob=ROWS, rank=1), config)
-    assert longer == own | {"numerics": own["numerics"] | {"rows": 4}}
-
-
-def test_a_domain_longer_than_a_period_is_refused(config):
-    study = config.reference.model_copy(update={"rows_in_domain": [2, 6]})
-    with pytest.raises(DldsimError, match=r"reference\.rows_in_domain.*6.*at most 5"):
-        critical_gaps.searches(config.model_copy(update={"reference": study}))
 
 
 def test_a_bracket_has_the_smaller_gap_first():
