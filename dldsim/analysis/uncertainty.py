@@ -82,10 +82,10 @@ def spread(errors: Sequence[float]) -> dict[str, Any]:
     return {"pairs": len(errors), "rms": rms, "confidence_factor": factor, "value": rms * factor}
 
 
-def fit_model(pairs: Sequence[Pair], wider: Mapping[str, Row] | None = None) -> dict[str, Any]:
+def fit_model(pairs: Sequence[Pair], domain: Mapping[str, Row] | None = None) -> dict[str, Any]:
     """Model of σ_num from outcomes at the campaign's and at finer numerics.
 
-    ``wider``: of pairs, by identifier, at the campaign's numerics in a wider domain. How far an
+    ``domain``: of pairs, by identifier, at the campaign's numerics in the other domain. How far an
     outcome there is from that of the campaign is what periodic images do; small errors add up, so
     that it is added to that beside the finer lattice, which has the same images.
 
@@ -111,12 +111,12 @@ def fit_model(pairs: Sequence[Pair], wider: Mapping[str, Row] | None = None) -> 
     ratios = []
     for row, reference in pairs:
         others = [reference]
-        if wider:
-            if row["outcome_id"] not in wider:
+        if domain:
+            if row["outcome_id"] not in domain:
                 raise DldsimError(
-                    f"σ_num: {row['outcome_id']} was not simulated in a wider domain."
+                    f"σ_num: {row['outcome_id']} was not simulated in the other domain."
                 )
-            others.append(wider[row["outcome_id"]])
+            others.append(domain[row["outcome_id"]])
         off = [_distance_error(row, other) for other in others]
         if None not in off:
             distances[_side(row)].append(off)
@@ -136,8 +136,8 @@ def fit_model(pairs: Sequence[Pair], wider: Mapping[str, Row] | None = None) -> 
         "kind": KIND,
         "dldsim_version": __version__,
         "physics_version": PHYSICS_VERSION,
-        "distance": {side: _spread(errors, wider) for side, errors in distances.items()},
-        "share": _spread(shares, wider),
+        "distance": {side: _spread(errors, domain) for side, errors in distances.items()},
+        "share": _spread(shares, domain),
         "numerics": made_with[0],
         "spacing_ratio": [min(ratios), max(ratios)] if ratios else None,
         "conditions": {key: rows[0][key] for key in CONDITIONS},
@@ -154,7 +154,7 @@ def fit_model(pairs: Sequence[Pair], wider: Mapping[str, Row] | None = None) -> 
 
 
 Errors = Sequence[Any]
-"""Of one outcome: beside a finer lattice and, if it was simulated, beside a wider domain."""
+"""Of one outcome: beside a finer lattice and, if it was simulated, beside the other domain."""
 
 
 def _distance_error(row: Row, other: Row) -> float | None:
@@ -172,13 +172,13 @@ def _share_error(row: Row, other: Row) -> float | None:
     return error / row["bump_angle_deg"]
 
 
-def _spread(errors: Sequence[Errors], wider: Mapping | None) -> dict[str, Any]:
+def _spread(errors: Sequence[Errors], domain: Mapping | None) -> dict[str, Any]:
     """`spread` of the sums, and the root mean squares of their parts."""
-    parts = [spread([one[part] for one in errors])["rms"] for part in range(2 if wider else 1)]
+    parts = [spread([one[part] for one in errors])["rms"] for part in range(2 if domain else 1)]
     return {
         **spread([sum(one) for one in errors]),
         "lattice": parts[0],
-        "images": parts[1] if wider else None,
+        "images": parts[1] if domain else None,
     }
 
 
@@ -332,11 +332,11 @@ def verdict(ratio: float | None, words: tuple[str, str], basis: str) -> str:
 
 
 def cross_validated(
-    pairs: Sequence[Pair], wider: Mapping[str, Row] | None = None
+    pairs: Sequence[Pair], domain: Mapping[str, Row] | None = None
 ) -> list[dict[str, Any]]:
     """Rows of `reference_check` in which no pair is judged by a model that has seen its array.
 
-    ``wider``: as of `fit_model`. Raises DldsimError for pairs of one array only.
+    ``domain``: as of `fit_model`. Raises DldsimError for pairs of one array only.
     """
 
     def array(pair: Pair) -> tuple:
@@ -345,7 +345,7 @@ def cross_validated(
     result = []
     for pair in pairs:
         others = [p for p in pairs if array(p) != array(pair)]
-        result.append(check_row(*pair, fit_model(others, wider)))
+        result.append(check_row(*pair, fit_model(others, domain)))
     return result
 
 

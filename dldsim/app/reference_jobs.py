@@ -23,7 +23,7 @@ from dldsim.config.provenance import provenance
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.evidence import critical_gaps, reference_study, spot_check
 from dldsim.evidence.convergence import convergence_table
-from dldsim.evidence.reference_study import CAMPAIGN, WIDER, Row
+from dldsim.evidence.reference_study import CAMPAIGN, DOMAIN, Row
 from dldsim.experiments.outcome_files import NOT_JOINED, Partial, Progress
 from dldsim.files import atomic_path
 from dldsim.tables.parquet import read_rows, write_csv, write_table
@@ -126,11 +126,11 @@ def gather_pairs(
     settings: Mapping,
     *,
     outcomes: Path,
-    wider: Path,
+    domain: Path,
     model: Path,
     check: Path,
 ) -> str:
-    """`reference_outcomes` and those in the wider domain, the model of σ_num and its
+    """`reference_outcomes` and those in the other domain, the model of σ_num and its
     cross-validation; a sentence about it.
 
     ``rows``: pair, name of its numerics, file of its outcome.
@@ -138,13 +138,13 @@ def gather_pairs(
     found = [(pair, name, read_rows("reference_outcomes", path)[0]) for pair, name, path in rows]
     best = reference_study.best_rows(found)
     at_campaign = {pair: row for pair, name, row in found if name == CAMPAIGN}
-    in_wider = {pair: row for pair, name, row in found if name == WIDER}
+    in_domain = {pair: row for pair, name, row in found if name == DOMAIN}
     pairs = [(at_campaign[row["outcome_id"]], row) for row in best]
-    fitted = uncertainty.fit_model(pairs, in_wider)
-    checked = uncertainty.cross_validated(pairs, in_wider)
+    fitted = uncertainty.fit_model(pairs, in_domain)
+    checked = uncertainty.cross_validated(pairs, in_domain)
     fitted["check"] = uncertainty.coverage(checked)
     _write("reference_outcomes", best, outcomes, settings)
-    _write("reference_outcomes", list(in_wider.values()), wider, settings)
+    _write("reference_outcomes", list(in_domain.values()), domain, settings)
     _write("reference_check", checked, check, settings)
     with atomic_path(model) as part:
         part.write_text(json.dumps(fitted, indent=1, allow_nan=False) + "\n", encoding="utf-8")

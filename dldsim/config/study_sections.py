@@ -1,6 +1,6 @@
 """Settings of the studies of numerical error: accuracy and reference."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, Strict, model_validator
 
@@ -73,11 +73,12 @@ class StudyNumerics(Section):
     reynolds_max: float = Field(ge=1e-6, le=100, description="largest numerical Reynolds number")
 
 
-class WiderDomain(Section):
-    """Domain of the lattice that takes a cell further from its periodic images."""
+class Domain(Section):
+    """Domain of the lattice in which a cell has other periodic images."""
 
     rows: int = Field(ge=1, le=100, description="pillar rows in the domain")
-    lanes: int = Field(1, ge=1, le=20, description="pillars per row in the domain")
+    lanes: int = Field(ge=1, le=20, description="pillars per row in the domain")
+    images: Literal["aligned", "dilute"] = Field(description="as in numerics")
 
 
 class CriticalGap(Section):
@@ -127,7 +128,7 @@ class Reference(Section):
     finest_numerics: StudyNumerics = Field(
         StudyNumerics(spacing_um=0.42, reynolds_max=0.1), description="of the finest"
     )
-    wider_domain: WiderDomain | None = Field(
+    domain: Domain | None = Field(
         None, description="of all pairs once more, at the campaign's numerics otherwise"
     )
     releases: list[Fraction] = Field(

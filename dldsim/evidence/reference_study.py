@@ -12,15 +12,17 @@ from typing import Any
 
 from dldsim.analysis.uncertainty import MODEL_PATH, read_model
 from dldsim.config.configuration import Config
+from dldsim.config.explain import validate
 from dldsim.config.identifiers import parse_outcome
+from dldsim.config.sections import Numerics
 from dldsim.errors import DldsimError
 
 Row = Mapping[str, Any]
 
 # ------------------------------------------------------------------------------------------ pairs
 
-CAMPAIGN, WIDER, REFERENCE, FINEST = "campaign", "wider", "reference", "finest"
-"""Numerics of a pair: the campaign's own, the same in a wider domain, those of the reference, the
+CAMPAIGN, DOMAIN, REFERENCE, FINEST = "campaign", "domain", "reference", "finest"
+"""Numerics of a pair: the campaign's own, the same in the other domain, those of the reference, the
 finest."""
 COARSER = {FINEST: REFERENCE}
 """Numerics whose settled cells a pair goes on with. Those of the reference are released, as in the
@@ -30,45 +32,41 @@ campaign: the transition distance of what goes on lacks the passes on the way, a
 def pairs(config: Config) -> list[tuple[str, str]]:
     """All simulations of pairs: identifier and name of the numerics, each once.
 
-    Raises DldsimError for a wider domain that is none, or longer than the period of a pair.
+    Raises DldsimError for another domain that is the campaign's, or longer than a pair's period.
     """
     study, names = config.reference, [CAMPAIGN, REFERENCE]
-    if study.wider_domain and study.pairs:
-        _check_wider(config)
-        names.insert(1, WIDER)
+    if study.domain and study.pairs:
+        _check_domain(config)
+        names.insert(1, DOMAIN)
     wanted = [(run, name) for name in names for run in study.pairs]
     return wanted + [(run, FINEST) for run in study.finest]
 
 
-def _check_wider(config: Config) -> None:
-    own, wider = config.numerics, config.reference.wider_domain
-    assert wider is not None
+def _check_domain(config: Config) -> None:
+    own, other = config.numerics, study_numerics(DOMAIN, config)
     least = min(parse_outcome(run).geometry.periodicity for run in config.reference.pairs)
-    given = f"{wider.rows} rows and {wider.lanes} lanes"
-    if wider.rows > least:
+    if other["rows"] > least:
         raise DldsimError(
-            key="reference.wider_domain.rows",
-            value=wider.rows,
+            key="reference.domain.rows",
+            value=other["rows"],
             allowed=f"at most {least}, the smallest periodicity N_p of the pairs",
             remedy="A domain repeats after a period: lower it.",
         )
-    larger = wider.rows > own.rows or wider.lanes > own.lanes
-    if not larger or wider.rows < own.rows or wider.lanes < own.lanes:
+    if validate(Numerics, other) == own:
         raise DldsimError(
-            key="reference.wider_domain",
-            value=given,
-            allowed=f"more than the campaign's {own.rows} rows and {own.lanes} lanes",
-            remedy="Take a wider one, or null for none.",
+            key="reference.domain",
+            value=f"{own.rows} rows, {own.lanes} lanes, images {own.images}",
+            allowed="another domain than the campaign's",
+            remedy="Take another one, or null for none.",
         )
 
 
 def study_numerics(name: str, config: Config) -> dict[str, Any]:
     """The section `numerics` of a pair, as plain values."""
     study = config.reference
-    wider = study.wider_domain
     changed = {
         CAMPAIGN: {},
-        WIDER: wider.model_dump() if wider else {},
+        DOMAIN: study.domain.model_dump() if study.domain else {},
         REFERENCE: study.numerics.model_dump(),
         FINEST: study.finest_numerics.model_dump(),
     }
@@ -78,13 +76,13 @@ def study_numerics(name: str, config: Config) -> dict[str, Any]:
 def pair_settings(run: str, name: str, config: Config) -> dict[str, Any]:
     """Everything that one simulation of a pair depends on, as plain values.
 
-    At the campaign's numerics, in its domain and in a wider one, the cell is released and followed
+    At the campaign's numerics, in its domain and in another one, the cell is released and followed
     as in the campaign; where it goes on with the settled cells of what was simulated before, that
     is among them.
     """
     geometry, stiffness_set = parse_outcome(run)
     study, common = config.reference, common_sections(config)
-    if name in (CAMPAIGN, WIDER):
+    if name in (CAMPAIGN, DOMAIN):
         common["run_control"] = config.run_control.model_dump(mode="json")
     else:
         common["run_control"] |= {
@@ -117,7 +115,7 @@ def common_sections(config: Config) -> dict[str, Any]:
 DATA, MODEL = MODEL_PATH.parent, MODEL_PATH.name
 KEPT = {
     "reference_outcomes": "reference_outcomes",
-    "wider_outcomes": "reference_outcomes",
+    "domain_outcomes": "reference_outcomes",
     "critical_gaps": "critical_gaps",
     "convergence": "convergence",
 }
@@ -172,7 +170,7 @@ def best_rows(rows: Sequence[tuple[str, str, Row]]) -> list[Row]:
     """The finest row of each pair, from (pair, name of the numerics, row)."""
     best: dict[str, tuple[int, Row]] = {}
     for pair, name, row in rows:
-        rank = (CAMPAIGN, WIDER, REFERENCE, FINEST).index(name)
+        rank = (CAMPAIGN, DOMAIN, REFERENCE, FINEST).index(name)
         if rank > best.get(pair, (1, None))[0]:
             best[pair] = rank, row
     return [row for _, row in best.values()]

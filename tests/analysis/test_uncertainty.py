@@ -186,7 +186,7 @@ def test_the_fit_separates_distance_and_share():
 
 def test_what_periodic_images_change_is_added():
     """To the error beside the finer lattice, of which it is a part of its own; a pair without a
-    distance, or of another side, in the wider domain tells nothing of it."""
+    distance, or of another side, in the other domain tells nothing of it."""
     finer = {"spacing_um": 0.6}
     rows = [outcome(BUMP, d, outcome_id=name) for name, d in (("a", 0.3), ("b", 0.2), ("c", 0.1))]
     references = [(0.2, 0.25), (0.1, 0.30), (0.0, 0.2)]
@@ -194,12 +194,12 @@ def test_what_periodic_images_change_is_added():
         (row, outcome(BUMP - off, d, **finer))
         for row, (off, d) in zip(rows, references, strict=True)
     ]
-    wider = {
+    domain = {
         "a": outcome(BUMP + 0.1, 0.26),
         "b": outcome(BUMP - 0.2, 0.16),
         "c": outcome(1.0, None),
     }
-    fitted = fit_model(pairs, wider)
+    fitted = fit_model(pairs, domain)
     lane, share = fitted["distance"]["bump lane"], fitted["share"]
     assert lane["pairs"] == share["pairs"] == 2
     assert lane["rms"] == pytest.approx(math.hypot(0.05 + 0.04, -0.1 + 0.04) / math.sqrt(2))
@@ -208,8 +208,8 @@ def test_what_periodic_images_change_is_added():
     assert share["rms"] * BUMP == pytest.approx(math.hypot(0.2 - 0.1, 0.1 + 0.2) / math.sqrt(2))
     alone = fit_model(pairs)
     assert alone["distance"]["bump lane"]["pairs"] == 3 and alone["share"]["images"] is None
-    with pytest.raises(DldsimError, match="c was not simulated in a wider domain"):
-        fit_model(pairs, {k: wider[k] for k in "ab"})
+    with pytest.raises(DldsimError, match="c was not simulated in the other domain"):
+        fit_model(pairs, {k: domain[k] for k in "ab"})
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def results(tmp_path_factory, config, pairs):
         pairs,
         SETTINGS,
         outcomes=folder / "reference_outcomes.parquet",
-        wider=folder / "wider_outcomes.parquet",
+        domain=folder / "domain_outcomes.parquet",
         model=folder / "sigma_num.json",
         check=folder / "sigma_num_check.parquet",
     )
@@ -141,9 +141,9 @@ def test_the_model_and_its_check_come_of_the_pairs(results, config):
     assert set(model["pairs"]) == set(config.reference.pairs)
     assert sum(side["pairs"] for side in model["distance"].values()) == len(config.reference.pairs)
     assert model["check"]["pairs"] == len(config.reference.pairs)
-    wider = read_rows("reference_outcomes", results / "reference" / "wider_outcomes.parquet")
-    assert {row["outcome_id"] for row in wider} == set(model["pairs"])
-    assert {(row["rows_in_domain"], row["lanes_in_domain"]) for row in wider} == {(4, 2)}
+    domain = read_rows("reference_outcomes", results / "reference" / "domain_outcomes.parquet")
+    assert {row["outcome_id"] for row in domain} == set(model["pairs"])
+    assert {row["images"] for row in domain} == {"dilute"}
     for side in model["distance"].values():
         assert side["images"] == 0 < side["lattice"]  # as made up
     best = read_rows("reference_outcomes", results / "reference" / "reference_outcomes.parquet")

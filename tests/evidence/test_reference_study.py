@@ -3,7 +3,7 @@
 import pytest
 
 from dldsim.config.identifiers import parse_outcome
-from dldsim.config.study_sections import Reference, WiderDomain
+from dldsim.config.study_sections import Domain, Reference
 from dldsim.errors import DldsimError
 from dldsim.evidence import reference_study as study
 from dldsim.evidence.reference_study import CAMPAIGN
@@ -15,34 +15,36 @@ def test_the_default_plan_is_large_enough(config):
     assert len(config.reference.pairs) >= 24 and len(config.reference.finest) == 6
     assert len(config.reference.critical_gaps) >= 6
     assert len(set(pairs)) == len(pairs)
-    assert {name for _, name in pairs} == {CAMPAIGN, study.WIDER, study.REFERENCE, study.FINEST}
+    assert {name for _, name in pairs} == {CAMPAIGN, study.DOMAIN, study.REFERENCE, study.FINEST}
 
 
-def with_wider(config, **domain):
-    wider = WiderDomain(**domain) if domain else None
+def with_domain(config, **domain):
+    other = Domain(**domain) if domain else None
     return config.model_copy(
-        update={"reference": config.reference.model_copy(update={"wider_domain": wider})}
+        update={"reference": config.reference.model_copy(update={"domain": other})}
     )
 
 
-def test_a_wider_domain_changes_nothing_else(config):
+def test_another_domain_changes_nothing_else(config):
     run = config.reference.pairs[0]
-    own, wider = (study.pair_settings(run, name, config) for name in (CAMPAIGN, study.WIDER))
-    assert wider == own | {"numerics": own["numerics"] | {"rows": 4, "lanes": 2}}
-    assert study.WIDER not in {name for _, name in study.pairs(with_wider(config))}
+    own, other = (study.pair_settings(run, name, config) for name in (CAMPAIGN, study.DOMAIN))
+    domain = {"rows": 1, "lanes": 2, "images": "dilute"}
+    assert other == own | {"numerics": own["numerics"] | domain}
+    assert study.DOMAIN not in {name for _, name in study.pairs(with_domain(config))}
 
 
 @pytest.mark.parametrize(
     ("domain", "words"),
     [
-        ({"rows": 5}, r"wider_domain\.rows.*5.*at most 4"),
-        ({"rows": 2}, "2 rows and 1 lanes.*more than the campaign's 2 rows and 1 lanes"),
-        ({"rows": 1, "lanes": 2}, "1 rows and 2 lanes.*more than"),
+        ((5, 1, "aligned"), r"reference\.domain\.rows.*5.*at most 4"),
+        ((2, 1, "aligned"), "2 rows, 1 lanes, images aligned.*another domain"),
+        ((1, 3, "dilute"), "dilute with lanes = rows or 2 rows"),
     ],
 )
-def test_a_wider_domain_that_is_none_is_refused(config, domain, words):
+def test_a_domain_that_is_none_is_refused(config, domain, words):
+    names = dict(zip(("rows", "lanes", "images"), domain, strict=True))
     with pytest.raises(DldsimError, match=words):
-        study.pairs(with_wider(config, **domain))
+        study.pairs(with_domain(config, **names))
 
 
 def test_a_pair_differs_in_what_the_reference_names(config):
@@ -72,7 +74,7 @@ def test_every_pair_gets_a_finer_lattice(config):
             whole_shift_spacing(array, study.study_numerics(n, config)["spacing_um"])[0]
             for n in (CAMPAIGN, name)
         )
-        assert there == own if name in (CAMPAIGN, study.WIDER) else there <= own / 1.5
+        assert there == own if name in (CAMPAIGN, study.DOMAIN) else there <= own / 1.5
 
 
 # ------------------------------------------------------------------------------------ package data
@@ -80,7 +82,7 @@ def test_every_pair_gets_a_finer_lattice(config):
 
 def test_the_finest_row_of_a_pair_is_kept():
     rows = [("a", CAMPAIGN, 1), ("a", "reference", 2), ("a", "finest", 3), ("b", "reference", 4)]
-    rows += [("b", study.WIDER, 5)]
+    rows += [("b", study.DOMAIN, 5)]
     assert study.best_rows(rows) == [3, 4]
     assert study.best_rows(reversed(rows)) == [4, 3]
 

@@ -1,4 +1,4 @@
-"""Golden runs: short ones that tie trajectories to the physics version.
+"""Golden runs: short ones that tie trajectories to the physics version, whatever is the default.
 
 `python -m tests.experiments.golden` writes tests/data/golden.json anew. That is right after
 PHYSICS_VERSION has been raised, and only then: a change that moves a golden run changes what
@@ -33,7 +33,10 @@ SET_3 = Stiffness(
 )
 # Contact reaches far, so that few rows feel it. In double precision processors differ by rounding
 # only, which three rows do not amplify.
-NUMERICS = Numerics(spacing_um=1.5, contact_range_um=1.5, precision="float64")
+NUMERICS = Numerics(
+    spacing_um=1.5, contact_range_um=1.5, precision="float64", rows=2, lanes=1, images="aligned"
+)
+DILUTE = NUMERICS.model_copy(update={"rows": 1, "lanes": 2, "images": "dilute"})
 FLOW = Flow(height_um=14)
 ARRAYS = {
     "bump": Geometry(pillar_radius_um=5, gap_um=11, periodicity=10),
@@ -52,14 +55,21 @@ CHANNEL = Constriction(
 )
 
 
-def array_path(name: str, *, stiffness: Stiffness = SET_3, rows: int = ROWS, **numerics) -> list:
+def array_path(
+    name: str,
+    *,
+    stiffness: Stiffness = SET_3,
+    rows: int = ROWS,
+    base: Numerics = NUMERICS,
+    **numerics,
+) -> list:
     """Lateral steps [µm] and the last place (x, y) [µm] of a run through one of ARRAYS."""
     result = simulate_run(
         ARRAYS[name],
         stiffness,
         CELL,
         FLOW,
-        NUMERICS.model_copy(update=numerics),
+        base.model_copy(update=numerics),
         RunControl(max_rows=rows),
         run_id=name,
         stiffness_set="3",
@@ -86,6 +96,7 @@ def passage(name: str = "constriction") -> list:
 
 RUNS = {
     **{name: lambda name=name: array_path(name) for name in ARRAYS},
+    "one cell in an endless array": lambda: array_path("bump", base=DILUTE),
     "dissipative": lambda: array_path("bump", coupling="dissipative", kernel="4-point"),
     "whole scene": lambda: array_path("bump", half_scene=False),
     "constriction": passage,

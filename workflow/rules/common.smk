@@ -89,7 +89,7 @@ wildcard_constraints:
     case=r"[a-z-]+",
     request=r"[A-Za-z0-9-]+",
     family=r"[a-z0-9-]+",
-    numerics="campaign|wider|reference|finest",
+    numerics="campaign|domain|reference|finest",
     search=critical_gaps.SEARCH_PATTERN,
     number=r"\d+",
     round=r"\d+",

@@ -77,8 +77,8 @@ rule reference_outcomes:
     output:
         outcomes=f"{RESULTS}/reference/reference_outcomes.parquet",
         outcomes_csv=f"{RESULTS}/reference/reference_outcomes.csv",
-        wider=f"{RESULTS}/reference/wider_outcomes.parquet",
-        wider_csv=f"{RESULTS}/reference/wider_outcomes.csv",
+        domain=f"{RESULTS}/reference/domain_outcomes.parquet",
+        domain_csv=f"{RESULTS}/reference/domain_outcomes.csv",
         model=f"{RESULTS}/reference/sigma_num.json",
         check=f"{RESULTS}/reference/sigma_num_check.parquet",
         check_csv=f"{RESULTS}/reference/sigma_num_check.csv",
