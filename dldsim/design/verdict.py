@@ -219,7 +219,9 @@ def _settings(finer: Sequence[Mapping]) -> str:
     value = difference_of(finer)
     outcome = "no angle" if value is None else f"{abs(value):.2f}°"
     lag = max(row["lag_number"] or 0.0 for row in finer)
-    return f"{outcome} at spacing {finer[0]['spacing_um'] or math.nan:.2f} µm and Re {lag:.2f}"
+    alone = ", one cell in an endless array" if finer[0]["images"] == "dilute" else ""
+    spacing = finer[0]["spacing_um"] or math.nan
+    return f"{outcome} at spacing {spacing:.2f} µm and Re {lag:.2f}{alone}"
 
 
 def _undecided(found: Sequence[Mapping]) -> str:

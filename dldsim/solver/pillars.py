@@ -44,11 +44,19 @@ class ArrayLattice:
 
 
 def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
-    """Numerics on the next finer lattice that the row shift allows, at half the numerical Re."""
+    """Numerics on the next finer lattice that the row shift allows, at half the numerical Re, of
+    one cell in an endless array: what holds there as well rests on none of the campaign's.
+    """
     shift_um = geometry.pitch_um / geometry.periodicity
     _, nodes = whole_shift_spacing(geometry, numerics.spacing_um)
     return numerics.model_copy(
-        update={"spacing_um": shift_um / (nodes + 1), "reynolds_max": numerics.reynolds_max / 2}
+        update={
+            "spacing_um": shift_um / (nodes + 1),
+            "reynolds_max": numerics.reynolds_max / 2,
+            "rows": 1,
+            "lanes": 2,
+            "images": "dilute",
+        }
     )
 
 

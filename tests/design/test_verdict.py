@@ -32,6 +32,7 @@ def pair(
             "stop_reason": "why",
             "spacing_um": spacing_um,
             "lag_number": lag,
+            "images": "dilute",
         }
         for angle, mode in zip((first, second), modes, strict=True)
     ]
@@ -104,7 +105,10 @@ def test_a_finer_setting_settles_a_mode_that_is_open_by_sigma_num():
 def test_the_verdict_says_which_settings_agreed():
     finer = pair(0.9, 5.2, spacing_um=0.85, lag=0.07)
     words = verdict(pair(1.0, 5.0), 0.5, finer)
-    assert words.startswith("separates by 4.00 ± 0.50°, 4.30° at spacing 0.85 µm and Re 0.07")
+    assert words.startswith(
+        "separates by 4.00 ± 0.50°, 4.30° at spacing 0.85 µm and Re 0.07, "
+        "one cell in an endless array"
+    )
     assert verdict(pair(1.0, 5.0), 0.5, None).startswith(
         "separates by 4.00 ± 0.50° at this setting; not confirmed at a finer one"
     )
@@ -123,3 +127,4 @@ def test_the_finer_lattice_is_the_next_one_at_half_the_reynolds_number(radius, g
     finer, more = whole_shift_spacing(geometry, fine.spacing_um)
     assert more == nodes + 1 and math.isclose(finer * more, spacing * nodes)
     assert fine.reynolds_max == coarse.reynolds_max / 2
+    assert Numerics(**fine.model_dump()) == fine and fine.staggered and fine.images == "dilute"

@@ -70,6 +70,7 @@ class Nature:
             "wall_time_s": 2.0,
             "angle_spread_deg": 0.0,
             "spacing_um": 0.9 if finer else 1.25,
+            "images": "dilute" if finer else "aligned",
             "lag_number": 0.1,
         }
 
