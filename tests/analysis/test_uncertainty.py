@@ -389,3 +389,28 @@ def test_a_file_that_is_no_model_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(DldsimError, match="make reference"):
         uncertainty.read_model(path)
+
+
+def test_the_model_of_the_package_is_that_of_its_pairs():
+    """Refitted from the packaged campaign, its finer lattices and its endless arrays."""
+    from dldsim.design.finished_campaign import CAMPAIGN_DATA
+    from dldsim.tables.parquet import read_rows
+
+    campaign = {
+        r["outcome_id"]: r for r in read_rows("outcomes", CAMPAIGN_DATA / "outcomes.parquet")
+    }
+    finer, domain = (
+        {
+            r["outcome_id"]: r
+            for r in read_rows("reference_outcomes", uncertainty.MODEL_PATH.with_name(name))
+        }
+        for name in ("reference_outcomes.parquet", "domain_outcomes.parquet")
+    )
+    pairs = [(campaign[name], row) for name, row in finer.items()]
+    known = uncertainty.read_model()
+    fitted = fit_model(pairs, domain)
+    for part in (*known["distance"].items(), ("share", known["share"])):
+        name, values = part
+        assert values == pytest.approx(fitted["distance"].get(name, fitted["share"]))
+    assert known["check"] == coverage(cross_validated(pairs, domain))
+    assert set(known["pairs"]) == set(fitted["pairs"]) and known["numerics"] == fitted["numerics"]

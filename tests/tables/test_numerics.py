@@ -42,6 +42,7 @@ def test_settings_come_back():
         ("runs", CAMPAIGN_DATA / "runs.parquet"),
         ("outcomes", CAMPAIGN_DATA / "outcomes.parquet"),
         ("reference_outcomes", MODEL_PATH.with_name("reference_outcomes.parquet")),
+        ("reference_outcomes", MODEL_PATH.with_name("domain_outcomes.parquet")),
     ],
 )
 def test_tables_of_the_package_tell_the_settings(kind, path):
