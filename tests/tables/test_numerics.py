@@ -41,6 +41,8 @@ def test_settings_come_back():
     [
         ("runs", CAMPAIGN_DATA / "runs.parquet"),
         ("outcomes", CAMPAIGN_DATA / "outcomes.parquet"),
+        ("outcomes", CAMPAIGN_DATA.parent / "paper" / "outcomes.parquet"),
+        ("outcomes", CAMPAIGN_DATA.parent / "survey" / "outcomes.parquet"),
         ("reference_outcomes", MODEL_PATH.with_name("reference_outcomes.parquet")),
         ("reference_outcomes", MODEL_PATH.with_name("domain_outcomes.parquet")),
     ],
