@@ -361,7 +361,6 @@ def check(task: Task) -> None:
     request, chip = task.request, task.chip
     name = f"design request {request.name}"
     check_cells(name, request, task.populations, task.surrogate)
-    check_tolerance(request.tolerance_um, request.pillar_radius_um[0], request.gap_um[0])
     task.outlets.check()
     # the widest gap beside the thinnest pillar that is not too slender meets every constraint if
     # anything does
@@ -383,6 +382,7 @@ def check(task: Task) -> None:
             allowed="bounds that hold a feasible geometry",
             remedy=mend(broken, request)[1],
         )
+    check_tolerance(request.tolerance_um, request.pillar_radius_um[0], request.gap_um[0])
     if request.pressure_max_kPa is not None and chip.resistance is None:
         raise DldsimError(
             f"{name}: pressure_max_kPa = {request.pressure_max_kPa:g} needs the flows without a "

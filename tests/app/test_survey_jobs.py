@@ -34,6 +34,7 @@ class Solver:
         monkeypatch.setattr(flow_module, "solve_empty_array", self.solve)
         monkeypatch.setattr("dldsim.experiments.array_outcome.solve_empty_array", self.solve)
         monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", self.run)
+        monkeypatch.setattr("dldsim.experiments.streamlines.critical_follower", lambda flow: None)
 
     def solve(self, *sections):
         self.flows += 1
