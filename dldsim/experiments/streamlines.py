@@ -61,7 +61,7 @@ def _middle_layer(flow: EmptyFlow, array: ArrayLattice) -> np.ndarray:
     y = iy + 0.5 - pitch / 2 - row * array.row_shift
     y -= np.round(y / pitch) * pitch
     distance = np.hypot(x, y)
-    ghost = np.flatnonzero((column < 0) & (distance > array.radius - GHOSTS))
+    ghost = np.flatnonzero((column < 0) & (distance > max(array.radius - GHOSTS, 0)))
     beyond = 2 * (array.radius / distance[ghost] - 1)
     at = np.array([ix, iy])[:, ghost] + pitch + beyond * np.array([x, y])[:, ghost]
     for _ in range(GHOST_ROUNDS):

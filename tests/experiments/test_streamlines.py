@@ -36,6 +36,14 @@ def test_a_streamline_that_begins_at_rest_passes_nothing():
     assert critical_follower(found) == pytest.approx(0.43, abs=0.02)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_pillar_of_a_node_in_radius_has_one_at_its_centre():
+    geometry = Geometry(pillar_radius_um=1.0, gap_um=13.0, periodicity=5)
+    flow = Flow(mean_velocity_mm_s=1.0, height_um=0.0)
+    found = solve_empty_array(geometry, flow, Numerics(spacing_um=1.0, velocity_lu=0.003))
+    assert 0.2 < critical_follower(found) < 0.7
+
+
 def test_it_is_smaller_in_a_lower_channel_and_its_own_in_half_a_scene():
     deep, low = follower(10), follower(10, GAP_UM)
     assert low == pytest.approx(0.91 * deep, rel=0.01)
