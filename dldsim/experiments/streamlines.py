@@ -18,8 +18,10 @@ GHOST_ROUNDS = 4
 """What is outside lies in part between nodes inside: so often are they set."""
 
 
-def critical_follower(flow: EmptyFlow) -> float | None:
-    """Critical diameter over gap of a point-like follower at mid-height; None if all zigzag.
+def critical_follower(flow: EmptyFlow, height: float = 0.5) -> float | None:
+    """Critical diameter over gap of a point-like follower; None if all zigzag.
+
+    ``height``: over that of the channel, where the follower stays; 0.5 is midway.
 
     Twice the distance from a pillar, in the gap beside it, of the streamline that ends at the next
     pillar: what is nearer zigzags, what is further out bumps. In the plane it is twice the width of
@@ -27,7 +29,7 @@ def critical_follower(flow: EmptyFlow) -> float | None:
     across the gap is blunter at mid-height, and the lane narrower.
     """
     array = array_of(flow)
-    velocity = _middle_layer(flow, array)
+    velocity = _layer(flow, array, height)
     low, high = 0.0, array.pitch - 2 * array.radius
     for _ in range(ROUNDS):
         starts = np.linspace(low, high, STARTS)
@@ -39,9 +41,9 @@ def critical_follower(flow: EmptyFlow) -> float | None:
     return float((low + high) / (array.pitch - 2 * array.radius))
 
 
-def _middle_layer(flow: EmptyFlow, array: ArrayLattice) -> np.ndarray:
-    """Velocity along x and y at mid-height on 3 × 4 pitches (2, 3 pitch, 4 pitch), from a pitch
-    below the origin on.
+def _layer(flow: EmptyFlow, array: ArrayLattice, height: float) -> np.ndarray:
+    """Velocity along x and y at a height on 3 × 4 pitches (2, 3 pitch, 4 pitch), from a pitch below
+    the origin on.
 
     Nodes in pillars have the opposite of what is as far outside, so that it vanishes on the surface
     and not at the nodes.
@@ -50,12 +52,12 @@ def _middle_layer(flow: EmptyFlow, array: ArrayLattice) -> np.ndarray:
     f = flow.populations.reshape(19, -1)[:, : lattice.nodes]
     u = (VELOCITIES.T @ f)[:2] - np.asarray(flow.body_force)[:2, None] / 2
     u = u.reshape(2, -1, lattice.nz)
-    middle = u[:, :, -1]
-    if not lattice.half:
-        middle = u[:, :, [(lattice.nz - 1) // 2, lattice.nz // 2]].mean(axis=2)
+    z = min(max(min(height, 1 - height) * array.height - 0.5, 0.0), lattice.nz - 1.0)
+    below, above = int(z), min(int(z) + 1, lattice.nz - 1)
+    layer = (1 + below - z) * u[:, :, below] + (z - below) * u[:, :, above]
     ix, iy = np.indices((3 * pitch, 4 * pitch)).reshape(2, -1) - pitch
     column = lattice.column[neighbour((lattice.nx, lattice.ny), lattice.row_shift, ix, iy, 0, 0)]
-    u = np.where(column >= 0, middle[:, column], 0.0).reshape(2, 3 * pitch, 4 * pitch)
+    u = np.where(column >= 0, layer[:, column], 0.0).reshape(2, 3 * pitch, 4 * pitch)
     row = np.floor(ix / pitch)
     x = ix + 0.5 - (row + 0.5) * pitch  # from the centre of the nearest pillar
     y = iy + 0.5 - pitch / 2 - row * array.row_shift

@@ -10,12 +10,16 @@ from dldsim.solver.flow import solve_empty_array
 GAP_UM = 20.0
 
 
-def follower(periodicity, height_um=0.0, nodes=40, **numerics):
+def flow_of(periodicity, height_um=0.0, nodes=40, **numerics):
     geometry = Geometry(pillar_radius_um=GAP_UM / 2, gap_um=GAP_UM, periodicity=periodicity)
     flow = Flow(mean_velocity_mm_s=1.0, height_um=height_um)
     spacing = geometry.pitch_um / nodes
     chosen = Numerics(spacing_um=spacing, velocity_lu=0.003, **numerics)
-    return critical_follower(solve_empty_array(geometry, flow, chosen))
+    return solve_empty_array(geometry, flow, chosen)
+
+
+def follower(*array, **numerics):
+    return critical_follower(flow_of(*array, **numerics))
 
 
 @pytest.mark.parametrize("periodicity", [4, 10])
@@ -47,5 +51,14 @@ def test_a_pillar_of_a_node_in_radius_has_one_at_its_centre():
 def test_it_is_smaller_in_a_lower_channel_and_its_own_in_half_a_scene():
     deep, low = follower(10), follower(10, GAP_UM)
     assert low == pytest.approx(0.91 * deep, rel=0.01)
-    whole = follower(10, GAP_UM, half_scene=False, rows=1)
+    whole = follower(10, GAP_UM, half_scene=False)
     assert whole == pytest.approx(low, rel=2e-3)
+
+
+def test_the_lane_widens_towards_top_and_bottom():
+    half, whole = (flow_of(10, GAP_UM, half_scene=chosen) for chosen in (True, False))
+    at = {height: critical_follower(half, height) for height in (0.1, 0.25, 0.5)}
+    assert 1.1 * at[0.5] < at[0.1] and 1.03 * at[0.5] < at[0.25] < 1.07 * at[0.5]
+    for height, diameter in at.items():
+        for mirrored in (height, 1 - height):
+            assert critical_follower(whole, mirrored) == pytest.approx(diameter, rel=0.01)
