@@ -129,7 +129,9 @@ class Reference(Section):
         StudyNumerics(spacing_um=0.42, reynolds_max=0.1), description="of the finest"
     )
     domain: Domain | None = Field(
-        None, description="of all pairs once more, at the campaign's numerics otherwise"
+        None,
+        description="of all pairs once more, at the campaign's numerics otherwise; null, or the "
+        "campaign's own: none",
     )
     releases: list[Fraction] = Field(
         [0.2, 0.5, 0.8], min_length=1, description="places of release, as shares of the gap"

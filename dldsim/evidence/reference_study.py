@@ -15,6 +15,7 @@ from dldsim.config.configuration import Config
 from dldsim.config.explain import validate
 from dldsim.config.identifiers import parse_outcome
 from dldsim.config.sections import Numerics
+from dldsim.config.study_sections import Domain
 from dldsim.errors import DldsimError
 
 Row = Mapping[str, Any]
@@ -32,33 +33,26 @@ campaign: the transition distance of what goes on lacks the passes on the way, a
 def pairs(config: Config) -> list[tuple[str, str]]:
     """All simulations of pairs: identifier and name of the numerics, each once.
 
-    Raises DldsimError for another domain that is the campaign's, or longer than a pair's period.
+    None in another domain where that is the campaign's own: there is nothing to compare. Raises
+    DldsimError for a domain longer than a pair's period.
     """
     study, names = config.reference, [CAMPAIGN, REFERENCE]
-    if study.domain and study.pairs:
-        _check_domain(config)
+    if study.domain and study.pairs and _is_another(study.domain, config):
         names.insert(1, DOMAIN)
     wanted = [(run, name) for name in names for run in study.pairs]
     return wanted + [(run, FINEST) for run in study.finest]
 
 
-def _check_domain(config: Config) -> None:
-    own, other = config.numerics, study_numerics(DOMAIN, config)
+def _is_another(domain: Domain, config: Config) -> bool:
     least = min(parse_outcome(run).geometry.periodicity for run in config.reference.pairs)
-    if other["rows"] > least:
+    if domain.rows > least:
         raise DldsimError(
             key="reference.domain.rows",
-            value=other["rows"],
+            value=domain.rows,
             allowed=f"at most {least}, the smallest periodicity N_p of the pairs",
             remedy="A domain repeats after a period: lower it.",
         )
-    if validate(Numerics, other) == own:
-        raise DldsimError(
-            key="reference.domain",
-            value=f"{own.rows} rows, {own.lanes} lanes, images {own.images}",
-            allowed="another domain than the campaign's",
-            remedy="Take another one, or null for none.",
-        )
+    return validate(Numerics, study_numerics(DOMAIN, config)) != config.numerics
 
 
 def study_numerics(name: str, config: Config) -> dict[str, Any]:
