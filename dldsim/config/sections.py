@@ -180,8 +180,7 @@ class Numerics(Section):
     images: Literal["aligned", "dilute"] = Field(
         "aligned",
         description="periodic images of the cell: with the mean flux held; or without what they do "
-        "to the mean flow, as of one cell in an endless array, for which lanes must be rows or "
-        "twice rows, and then the images are staggered",
+        "to the mean flow, as of one cell in an endless array",
     )
     coupling: Literal["no-slip", "dissipative"] = Field(
         "no-slip", description="how membrane and fluid are tied"
@@ -211,16 +210,10 @@ class Numerics(Section):
         "source, which resists shear; or along the gradient of its area",
     )
 
-    @model_validator(mode="after")
-    def _dilute_images_are_square(self) -> "Numerics":
-        if self.images == "dilute" and self.lanes not in (self.rows, 2 * self.rows):
-            raise Unfit("images: dilute with lanes = rows or 2 rows", "images", "rows", "lanes")
-        return self
-
     @property
     def staggered(self) -> bool:
-        """Whether images ahead are half of the lanes aside, so that all form a square lattice."""
-        return self.images == "dilute" and self.lanes == 2 * self.rows
+        """Whether images ahead are half of the lanes aside, where that keeps them farther off."""
+        return self.images == "dilute" and self.lanes % 2 == 0 and self.lanes > self.rows
 
 
 def thousandths(value: float) -> float:

@@ -132,7 +132,7 @@ def _cell() -> Iterator[Comparison]:
 
 def _rows() -> Iterator[Comparison]:
     """One row with shifted periodicity, and all rows of the period."""
-    one = Numerics(precision="float64", rows=1)
+    one = Numerics(precision="float64", rows=1, lanes=1, images="aligned")
     every = one.model_copy(update={"rows": GEOMETRY.periodicity})
     solved, times = [], []
     for numerics in (one, every):

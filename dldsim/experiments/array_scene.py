@@ -1,7 +1,5 @@
 """The scene of an array run: a cell at its place of release, in the flow of the empty array."""
 
-import numpy as np
-
 from dldsim.config.sections import CELL_NUMERICS, Cell, Flow, Geometry, Numerics, Stiffness
 from dldsim.errors import DldsimError, NoRoom
 from dldsim.experiments.settled import row_origin
@@ -55,9 +53,6 @@ def make_scene(
     fluid.f[:] = empty_flow.populations
     fluid.set_body_force([*empty_flow.body_force, 0.0])
     fluid.advance(2)
-    mobility = empty_flow.mobility
-    if flow.drive == "axial":
-        mobility = np.diag([mobility[0, 0], np.inf])
     scene = CellInFlow(
         fluid,
         units,
@@ -73,7 +68,11 @@ def make_scene(
             "height": float(array.height),
         },
         make_drive(
-            array.lattice, mobility, (numerics.velocity_lu, 0.0), numerics.images == "dilute"
+            array.lattice,
+            empty_flow.mobility,
+            (numerics.velocity_lu, 0.0),
+            axial=flow.drive == "axial",
+            dilute=numerics.images == "dilute",
         )
         if driven
         else None,

@@ -108,7 +108,7 @@ def scene_in(
             "centre": channel.centre,
             "length": float(channel.length),
         },
-        make_drive(channel.lattice, np.diag([mobility, np.inf]), (target, 0.0)),
+        make_drive(channel.lattice, mobility * np.eye(2), (target, 0.0), axial=True),
     )
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dldsim.solver.contact import Contact, contact_forces
+from dldsim.solver.images import images_share
 from dldsim.solver.immersed_boundary import (
     Domain,
     Stencil,
@@ -51,20 +52,19 @@ class Drive(NamedTuple):
     """Control of the body force: f += gain · (target - mean velocity), x and y.
 
     With a cell in every domain the mean velocity ⟨u⟩ is K f + δ: what the force f drives without
-    cells, and what they do, δ. The flow that meets a cell is K f and the images' part of δ: all of
-    it for dense rows of cells, half of it, as for the Lorentz field of dipoles in the plane, where
-    the images form a square lattice. The rest of δ is the cell's own, and in an endless array is
-    spread over it. So a cell alone has the wanted flow where (⟨u⟩ + K f)/2 is the target.
+    cells, and what they do, δ. The flow that meets a cell is K f + L δ, with the images' part of δ
+    (`images.images_share`). The rest of δ is the cell's own, and in an endless array is spread
+    over it. So a cell alone has the wanted flow where L ⟨u⟩ + (1 - L) K f is the target.
 
-    ``gain`` (2, 2), zero for a scene without a drive; ``unhindered`` (2, 2): K/2 where images are
-    taken out, else zero; ``held``: share of ⟨u⟩ that counts, 1/2 or 1; ``target`` (2,); ``nodes``
-    of fluid and ``volume`` of the box; ``middle``: nodes of a column whose last one is on a mirror
-    and counts half, 0 if there is none; ``mean`` (2,): see `mean_velocity`.
+    ``gain`` (2, 2), zero for a scene without a drive; ``held`` (2, 2): L where images are taken
+    out, else 1; ``unhindered`` (2, 2): (1 - L) K, else zero; ``target`` (2,); ``nodes`` of fluid
+    and ``volume`` of the box; ``middle``: nodes of a column whose last one is on a mirror and
+    counts half, 0 if there is none; ``mean`` (2,): see `mean_velocity`.
     """
 
     gain: np.ndarray
+    held: np.ndarray
     unhindered: np.ndarray
-    held: float
     target: np.ndarray
     nodes: int
     volume: float
@@ -72,21 +72,26 @@ class Drive(NamedTuple):
     mean: np.ndarray
 
 
-def make_drive(lattice: Lattice, mobility=None, target=(0.0, 0.0), dilute: bool = False) -> Drive:
+def make_drive(
+    lattice: Lattice, mobility=None, target=(0.0, 0.0), *, axial: bool = False, dilute: bool = False
+) -> Drive:
     """Control towards the mean velocity ``target`` (2,), lattice units.
 
-    ``mobility`` K (2, 2): mean velocity per force density without a cell, infinite where the force
-    is not to be changed; None leaves the body force as it is. ``dilute``: see `Drive`.
+    ``mobility`` K (2, 2): mean velocity per force density without a cell; None leaves the body
+    force as it is. ``axial``: only its part along x is changed. ``dilute``: see `Drive`.
     """
-    gain, unhindered = np.zeros((2, 2)), np.zeros((2, 2))
+    gain, held, unhindered = np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))
     if mobility is not None:
-        gain = np.linalg.inv(mobility) * (CONTROL_INTERVAL / CONTROL_TIME)
+        changed = np.diag([mobility[0, 0], np.inf]) if axial else mobility
+        gain = np.linalg.inv(changed) * (CONTROL_INTERVAL / CONTROL_TIME)
         if dilute:
-            unhindered = np.where(np.isfinite(mobility), mobility, 0.0) / 2
+            along, across = (lattice.nx, lattice.row_shift), (0, lattice.ny)
+            held = images_share(along, across, mobility)
+            unhindered = (np.eye(2) - held) @ mobility
     return Drive(
         gain,
+        held,
         unhindered,
-        0.5 if dilute else 1.0,
         np.asarray(target, float),
         lattice.nodes,
         float(lattice.volume),
@@ -185,7 +190,7 @@ def step_fluid(step, fluid, before, drive, everywhere):
         mean_velocity(fluid.velocity, drive)
         fx, fy = parameters.body_force[0], parameters.body_force[1]
         for e in range(2):
-            met = drive.held * drive.mean[e]
+            met = drive.held[e, 0] * drive.mean[0] + drive.held[e, 1] * drive.mean[1]
             met += drive.unhindered[e, 0] * fx + drive.unhindered[e, 1] * fy
             for d in range(2):
                 parameters.body_force[d] += drive.gain[d, e] * (drive.target[e] - met)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dldsim.solver.images import images_share
 from dldsim.solver.immersed_boundary import locate, spread, surround
 from dldsim.solver.stream_collide import stream_collide
 from dldsim.solver.streaming import BLOCK
@@ -37,19 +38,23 @@ def test_the_body_force_is_corrected_by_what_the_mean_velocity_lacks(coupling):
     np.testing.assert_allclose(body_force(scene), [*expected, 0.0], rtol=1e-9)
 
 
-def test_of_dilute_images_what_the_force_drives_without_a_cell_counts_half():
-    """At rest half of what it drives is lacking no more, along axes that are controlled."""
+def test_of_dilute_images_the_flow_that_meets_a_cell_is_controlled():
+    """What the force drives without a cell, and the images' part of what the cells do; along axes
+    that are controlled."""
     force = np.array([2e-6, 1e-6])
     share = CONTROL_INTERVAL / CONTROL_TIME
-    for mobility in (MOBILITY, np.diag([MOBILITY[0, 0], np.inf])):
+    for axial in (False, True):
         scene = make_cell()
+        lattice = scene.fluid.lattice
         scene.fluid.set_body_force((*force, 0.0))
-        scene.drive = make_drive(scene.fluid.lattice, mobility, TARGET, dilute=True)
+        scene.drive = make_drive(lattice, MOBILITY, TARGET, axial=axial, dilute=True)
         scene.drive.mean[:] = np.nan  # is measured
         scene.advance(CONTROL_INTERVAL)
-        finite = np.where(np.isfinite(mobility), mobility, 0)
-        met = (scene.drive.mean + finite @ force) / 2
-        expected = force + share * np.linalg.inv(mobility) @ (np.array(TARGET) - met)
+        images = images_share((lattice.nx, lattice.row_shift), (0, lattice.ny), MOBILITY)
+        met = MOBILITY @ force + images @ (scene.drive.mean - MOBILITY @ force)
+        lacking = np.array(TARGET) - met
+        driven = [lacking[0] / MOBILITY[0, 0], 0] if axial else np.linalg.solve(MOBILITY, lacking)
+        expected = force + share * np.array(driven)
         np.testing.assert_allclose(body_force(scene)[:2], expected, rtol=1e-9)
         assert abs(scene.drive.mean).max() > 1e-6
     assert body_force(scene)[1] == force[1]
