@@ -53,7 +53,7 @@ def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
         update={
             "spacing_um": shift_um / (nodes + 1),
             "reynolds_max": numerics.reynolds_max / 2,
-            "rows": 1,
+            "rows": 2,
             "lanes": 2,
             "images": "dilute",
         }
