@@ -35,7 +35,7 @@ from dldsim.solver.time_step import margins, refinement
 from dldsim.vocabulary import SETTLED
 
 SWEEPS = {
-    "nodes": [{"rows": rows} for rows in (1, 2, 4, 8)],
+    "nodes": [{"rows": rows, "lanes": 1, "images": "aligned"} for rows in (1, 2, 4, 8)],
     "vertices": [{"edge_to_spacing": edge} for edge in (1.6, 1.0, 0.7, 0.5, 0.35)],
     "periodicity": [{"periodicity": n} for n in (4, 6, 8, 10, 12)],
     "resolution": [{"spacing_um": spacing} for spacing in (2.5, 1.25, 0.9, 0.65, 0.55)],
@@ -90,7 +90,7 @@ def peak_bytes() -> int:
 
 def measure(change: dict, rounds: int) -> dict:
     """Time of a step [µs] and peak memory of one scene; kernels are loaded on a small one first."""
-    small, _, _ = scene_of({"rows": 1})
+    small, _, _ = scene_of({"rows": 1, "lanes": 1})
     small.advance(2)
     margins(small)
     before = peak_bytes()

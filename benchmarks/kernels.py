@@ -38,7 +38,8 @@ STIFFNESS = Stiffness(
 )
 EXTENT = "nx", "ny", "nz"
 SCENES = ["1.25:1:2:8", "0.67:0.8:1:6"]
-"""The shipped defaults; and 42×42×30 nodes with about 2000 vertices."""
+"""Two rows of the default array, as many nodes as by default; and 42×42×30 nodes with about 2000
+vertices."""
 WARM_UP = 500
 """Steps in which the cell deforms before anything is measured."""
 
@@ -133,11 +134,16 @@ def bytes_per_update(dtype) -> int:
 
 
 def parse_scene(text: str, precision: str) -> tuple[Geometry, Numerics]:
-    """spacing [µm]:edge/spacing[:rows[:N_p]], of the default array and numerics where left out."""
+    """spacing [µm]:edge/spacing[:rows[:N_p]], of two rows of the default array where left out."""
     spacing, edge, *more = text.split(":")
-    rows, periodicity = [*map(int, more), *(Numerics().rows, GEOMETRY.periodicity)[len(more) :]]
+    rows, periodicity = [*map(int, more), *(2, GEOMETRY.periodicity)[len(more) :]]
     numerics = Numerics(
-        precision=precision, spacing_um=float(spacing), edge_to_spacing=float(edge), rows=rows
+        precision=precision,
+        spacing_um=float(spacing),
+        edge_to_spacing=float(edge),
+        rows=rows,
+        lanes=1,
+        images="aligned",
     )
     return GEOMETRY.model_copy(update={"periodicity": periodicity}), numerics
 

@@ -11,7 +11,7 @@ import yaml
 
 from dldsim.config import campaign
 from dldsim.config.presets import read_config
-from dldsim.config.sections import Cell, Flow, Numerics
+from dldsim.config.sections import Cell, Flow
 from dldsim.experiments.array_scene import make_scene
 from dldsim.solver.flow import solve_empty_array
 from dldsim.solver.pillars import make_array
@@ -41,7 +41,9 @@ def test_scene_is_parsed_with_defaults_for_what_is_left_out():
     assert (geometry.periodicity, numerics.rows, numerics.spacing_um) == (6, 1, 0.67)
     geometry, numerics = kernels.parse_scene("1.25:1", "float32")
     assert geometry == kernels.GEOMETRY
-    assert numerics == Numerics(spacing_um=1.25, edge_to_spacing=1, precision="float32")
+    assert (numerics.rows, numerics.lanes, numerics.images) == (2, 1, "aligned")
+    found = numerics.spacing_um, numerics.edge_to_spacing, numerics.precision
+    assert found == (1.25, 1, "float32")
 
 
 @pytest.mark.parametrize("index", [0, 13, 35])
