@@ -131,7 +131,7 @@ def vertex_mass(friction: float, moduli: Moduli) -> float:
 
     The source's ratio of relaxation time to time step, m/(γΔt) = 1/0.156, would make the membrane
     sluggish at the larger steps used here. The mass is the smallest that meets the explicit limits
-    γΔt/m < 2, 9 k_visc Δt/m < 2 and k < 4m/(6Δt²), each by a factor of two.
+    9 k_visc Δt/m < 2 and k < 4m/(6Δt²) by a factor of two, and γΔt/m < 2 by four.
     """
     stiffest = max(moduli.ks + moduli.kal, moduli.kb)
     return max(2 * friction, 9 * moduli.kvisc, 3 * stiffest)

@@ -84,7 +84,7 @@ TABLES = {
         text("label", "where it comes from, if not from simulations"),
         count("runs", "passages with an index"),
         *optional(
-            real("deformation_index", "1", "of the first passage; of published pairs: as printed"),
+            real("deformation_index", "1", "mean over passages; of published pairs: as printed"),
             real("deformation_index_std", "1", "scatter of all causes, added in squares"),
             real("std_release", "1", "standard deviation over the releases along a slit"),
             real("std_offset", "1", "standard deviation over the releases on and off the axis"),

@@ -116,6 +116,10 @@ def test_examples_parse(command):
     assert cli.make_parser().parse_args(words).name == command
 
 
+def test_the_example_of_an_index_is_answered(capsys):
+    assert cli.main(COMMANDS["stiffness"].epilog.split()[4:]) == 0, capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("argv", "parts"),
     [

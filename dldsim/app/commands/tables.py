@@ -182,7 +182,7 @@ def add_stiffness(commands) -> None:
         "stiffness",
         stiffness,
         "moduli for a measured deformation index",
-        "stiffness --di 0.7 --error 0.01",
+        "stiffness --di 0.08 --error 0.005",
     )
     parser.add_argument(
         "--di",

@@ -138,7 +138,7 @@ class PredictSpec(Section):
                     "pillar_radius_um": 7.0,
                     "gap_um": 16.0,
                     "periodicity": 6,
-                    "deformation_index": 0.7,
+                    "deformation_index": 0.08,
                 }
             ]
         }
@@ -194,7 +194,7 @@ class StiffnessSpec(Section):
     _no_flags = no_flags()
 
     model_config = ConfigDict(
-        json_schema_extra={"examples": [{"deformation_index": 0.7, "error": 0.01}]}
+        json_schema_extra={"examples": [{"deformation_index": 0.08, "error": 0.005}]}
     )
 
     deformation_index: float = Field(ge=0, le=1, description="as measured in the assay")
@@ -242,7 +242,7 @@ class MeasurementsSpec(Section):
                             "pillar_radius_um": 7.0,
                             "gap_um": 16.0,
                             "periodicity": 6,
-                            "deformation_index": 0.7,
+                            "deformation_index": 0.08,
                             "cell_radius_um": 7.5,
                             "migration_angle_deg": 5.0,
                             "error_deg": 0.3,

@@ -3,7 +3,9 @@
 import pytest
 
 from dldsim.app.web.api.problems import PREFIX
+from dldsim.app.web.api.specs import PredictSpec, StiffnessSpec
 from dldsim.config.design_sections import DesignRequest
+from dldsim.design.finished_campaign import packaged_campaign
 from dldsim.tables.parquet import read_table
 from dldsim.tables.registry import COLUMNS
 from tests.app.web.api.asking import PLACE
@@ -22,6 +24,13 @@ def test_a_prediction_carries_its_interval(client):
         "outside what was simulated" in w for w in far["warnings"]
     )
     assert far["high_deg"] - far["low_deg"] > found["high_deg"] - found["low_deg"]
+
+
+@pytest.mark.parametrize("spec", [PredictSpec, StiffnessSpec])
+def test_examples_have_an_index_of_the_campaign_that_comes_with_the_package(spec):
+    known = read_table("outcomes", packaged_campaign() / "outcomes.parquet")["deformation_index"]
+    for example in spec.model_config["json_schema_extra"]["examples"]:
+        assert known.min() <= example["deformation_index"] <= known.max()
 
 
 def test_a_prediction_tells_what_acts_on_the_cell(client):
