@@ -7,7 +7,6 @@ as a share of the bump angle, or of the reference's deformation index.
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from dldsim.evidence.accuracy import ANGLE, INDEX, REFERENCE, RELEASE, REPLAYED
 from dldsim.report.style import GREY, MODE_COLOUR, dot, key, legend, multiples, styled
@@ -112,15 +111,6 @@ def gains(accuracy: pd.DataFrame, quantity: str) -> pd.DataFrame:
 # ------------------------------------------------------------------------------------- drawing
 
 
-def _plain(panel) -> None:
-    """Plain numbers on axes of logarithms, at 1, 2 and 5 where there is room."""
-    for axis in (panel.xaxis, panel.yaxis):
-        low, high = axis.get_view_interval()
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
-
-
 @styled
 def draw_knobs(accuracy: pd.DataFrame, quantity: str) -> Figure:
     """Error against the finest value of each knob over processor time, a panel per case."""
@@ -152,7 +142,6 @@ def draw_knobs(accuracy: pd.DataFrame, quantity: str) -> Figure:
             )
         panel.set(xscale="log", yscale="log", xlabel="processor time of a run [s]", title=case)
         panel.set_ylim(bottom=100 * LEAST / 1.6)
-        _plain(panel)
         if panel.get_subplotspec().is_first_col():
             panel.set_ylabel(f"error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]")
     legend(
@@ -219,7 +208,6 @@ def draw_pareto(accuracy: pd.DataFrame) -> Figure:
             ylabel=f"error of {QUANTITY[quantity]} [% of {SHARE[quantity]}]",
             title=QUANTITY[quantity],
         )
-        _plain(panel)
     legend(
         figure,
         [
@@ -305,7 +293,6 @@ def draw_sigma(check: pd.DataFrame) -> Figure:
         xlabel=r"$\sigma_{num}$ [°]",
         ylabel="|angle − angle at the reference| [°]",
     )
-    _plain(panel)
     present = [mode for mode in MODE_MARKER if (table["mode"] == mode).any()]
     legend(
         figure,

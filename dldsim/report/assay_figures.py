@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 
 from dldsim.report.style import key, legend, multiples, shades_of, styled
 
@@ -37,9 +36,6 @@ def draw_curves(calibration: pd.DataFrame) -> Figure:
                 powers.append(f"{power:.1f}")
         panel.set_title(f"{assay} (default)" if part["default"].any() else assay)
         panel.set_xscale("log")
-        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        panel.xaxis.set_major_formatter("{x:g}")
-        panel.xaxis.set_minor_formatter("")
         resolved = f"   ({', '.join(powers)} s.d.)" if powers else ""
         panel.set_xlabel(f"$k_s$ [µN/m]{resolved}")
         panel.set_ylabel("index")

@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter
 
 from dldsim.report.accuracy_figures import knob_styles
 from dldsim.report.style import GREY, key, legend, styled
@@ -112,8 +111,6 @@ def draw_regret(regret: pd.DataFrame) -> Figure:
         row[1].set(xscale="log")
     panels[-1][0].set_xlabel("geometries tried")
     panels[-1][1].set_xlabel("time [s]")
-    for panel in panels[-1]:
-        panel.xaxis.set_major_formatter(FormatStrFormatter("%g"))
     legend(
         figure,
         [

@@ -130,7 +130,7 @@ def draw_robustness(robustness: pd.DataFrame) -> Figure:
     colours = matplotlib.colormaps["cividis"]
     for panel, radius in zip(panels, radii, strict=True):
         here = robustness[robustness["pillar_radius_um"] == radius]
-        angles = ["–" if pd.isna(a) else f"{a:.1f}°" for a in here["mean_migration_angle_deg"]]
+        angles = ["–" if pd.isna(a) else f"{a:z.1f}°" for a in here["mean_migration_angle_deg"]]
         _grid_map(panel, here, here["robustness_score_deg2"], angles, lambda v: colours(norm(v)))
         gaps, periods = ordered(here["gap_um"]), ordered(here["periodicity"])
         for _, row in here[here["robust"].astype(bool)].iterrows():

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
 
 from dldsim.vocabulary import DECIDED, MODES, SETTLED
 
@@ -51,15 +52,37 @@ STYLE = {
 }
 
 
+COLORBAR = "<colorbar>"
+"""Label that matplotlib gives the axes of a colour bar, which has ticks of its own."""
+
+
 def styled(draw):
-    """Apply the house style while a figure is drawn."""
+    """Apply the house style while a figure is drawn, and to its logarithmic axes."""
 
     @functools.wraps(draw)
     def wrapper(*args, **kwargs):
         with matplotlib.rc_context(STYLE):
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            for panel in figure.axes:
+                for axis in (panel.xaxis, panel.yaxis):
+                    if axis.get_scale() == "log" and panel.get_label() != COLORBAR:
+                        _label_logarithm(axis)
+            return figure
 
     return wrapper
+
+
+def _label_logarithm(axis) -> None:
+    """Plain numbers, at 1, 2 and 5 or 1 and 3 where there is room, and at powers of ten beyond;
+    no labels between, which would overlap."""
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low)
+    steps = (1, 2, 5) if decades < 1.3 else (1, 3) if decades < 2.5 else (1,)
+    if not isinstance(axis.get_major_locator(), FixedLocator):
+        axis.set_major_locator(LogLocator(subs=steps))
+        if 1e-4 < low < high < 1e6:
+            axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def mode_name(mode: str) -> str:

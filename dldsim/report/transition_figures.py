@@ -2,7 +2,6 @@
 
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from dldsim.report.style import key, legend, multiples, styled
 from dldsim.report.surrogate_figures import SHAPE_COLOUR
@@ -27,9 +26,6 @@ def draw_transition(table: pd.DataFrame, level: float) -> Figure:
             panel.fill_between(ca, low, high, color=colour, alpha=0.15, linewidth=0)
             panel.plot(ca, here["gap_over_2R"], color=colour)
         panel.set(xscale="log", xlabel=r"Ca = $\mu U/k_s$", title=f"$N_p$ = {periodicity}")
-        panel.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
-        panel.xaxis.set_major_formatter("{x:g}")
-        panel.xaxis.set_minor_formatter(NullFormatter())
     panels[0].set_ylabel(r"critical gap $P_g/2R$")
     handles = [key(SHAPE_COLOUR[s], line="-", label=SHAPE_NAME[s]) for s in shapes]
     legend(figure, [*handles, key(line="-", label=f"shade: {100 * level:g} % interval")])
