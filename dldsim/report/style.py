@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter
 
 from dldsim.vocabulary import DECIDED, MODES, SETTLED
 
@@ -73,13 +73,13 @@ def styled(draw):
 
 
 def _label_logarithm(axis) -> None:
-    """Plain numbers, at 1, 2 and 5 or 1 and 3 where there is room, and at powers of ten beyond;
+    """Plain numbers: even steps on less than a decade, then 1, 2 and 5, 1 and 3, and powers of ten;
     no labels between, which would overlap."""
     low, high = axis.get_view_interval()
     decades = np.log10(high / low)
     steps = (1, 2, 5) if decades < 1.3 else (1, 3) if decades < 2.5 else (1,)
     if not isinstance(axis.get_major_locator(), FixedLocator):
-        axis.set_major_locator(LogLocator(subs=steps))
+        axis.set_major_locator(MaxNLocator(5) if decades < 0.8 else LogLocator(subs=steps))
         if 1e-4 < low < high < 1e6:
             axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 from dldsim.report import (
     angle_figures,
@@ -244,3 +245,29 @@ def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(tables):
     panel = trajectory_figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
     assert all(len(path["x"]) > 1 for path in panel.paths)
     assert all(path["x"].max() <= cut for path in panel.paths)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "labels"),
+    [
+        (0.0056, 0.0164, {"0.0075", "0.01", "0.0125", "0.015"}),
+        (0.016, 0.16, {"0.02", "0.05", "0.1"}),
+        (0.016, 0.8, {"0.03", "0.1", "0.3"}),
+        (0.9, 9000, {"1", "10", "100", "1000"}),
+    ],
+)
+def test_a_logarithmic_axis_has_few_plain_labels(low, high, labels):
+    """By itself a short axis labels what lies between as well, one over another."""
+
+    @style.styled
+    def draw():
+        figure = Figure()
+        panel = figure.subplots()
+        panel.plot([low, high], [1, 2])
+        panel.set(xscale="log", xlim=(low, high))
+        return figure
+
+    axis = draw().axes[0].xaxis
+    shown = zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=True)
+    assert {label.get_text() for place, label in shown if low <= place <= high} == labels
+    assert not any(label.get_text() for label in axis.get_minorticklabels())
