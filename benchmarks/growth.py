@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from benchmarks.kernels import GEOMETRY, STIFFNESS, median_times, without_cell
 from dldsim.config.sections import Cell, Flow, Geometry, Numerics
@@ -326,11 +325,9 @@ def draw(result: dict) -> Figure:
         axes[4].set(title="(e) a run against $N_p$", xlabel="periodicity $N_p$", ylabel="steps")
     for ax in axes:
         ax.set(xscale="log", yscale="log")
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-            axis.set_minor_formatter(NullFormatter())
         ax.legend(loc="best")
+    if panels > 4:
+        axes[4].set_xticks(runs["periodicity"], [str(n) for n in runs["periodicity"]])
     return figure
 
 
