@@ -42,7 +42,7 @@ def heights(periodicity: int) -> list[float]:
     geometry = Geometry(pillar_radius_um=GAP_UM / 2, gap_um=GAP_UM, periodicity=periodicity)
     numerics = Numerics(spacing_um=GAP_UM / 20)
     flow = solve_empty_array(geometry, Flow(height_um=GAP_UM), numerics)
-    found = [critical_follower(flow, height) or 0.0 for height in HEIGHTS]
+    found = [critical_follower(flow, height) for height in HEIGHTS]
     return [diameter / found[-1] for diameter in found]
 
 

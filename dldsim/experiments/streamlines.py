@@ -21,7 +21,7 @@ GHOST_ROUNDS = 4
 def critical_follower(flow: EmptyFlow, height: float = 0.5) -> float | None:
     """Critical diameter over gap of a point-like follower; None if all zigzag.
 
-    ``height``: over that of the channel, where the follower stays; 0.5 is midway.
+    ``height``: over that of the channel, 0 to 1, where the follower stays; 0.5 is midway.
 
     Twice the distance from a pillar, in the gap beside it, of the streamline that ends at the next
     pillar: what is nearer zigzags, what is further out bumps. In the plane it is twice the width of

@@ -60,11 +60,11 @@ def test_few_pillars_tell_the_flux_past_one_obstacle_in_an_endless_array(empty, 
     """With the mean flux held all of it must pass the obstacle where every lane has one, instead of
     a twelfth and less. In a large domain flux held and force held enclose the truth."""
     flux_held, force_held, *_, alone = fluxes(empty, 8, 8, False, obstacle)
-    assert flux_held[0] == pytest.approx(force_held[0], rel=0.06)
-    assert force_held[0] < alone[0] < flux_held[0] < 1 / 11
+    assert flux_held[0] == pytest.approx(force_held[0], rel=0.05)
+    assert force_held[0] < alone[0] < flux_held[0] < 1 / 12
     assert fluxes(empty, 2, 1, False, obstacle)[0][0] == pytest.approx(1.0, rel=1e-3)
-    for domain in ((1, 2, True), (2, 2, False), (2, 4, True)):
-        assert fluxes(empty, *domain, obstacle)[-1][0] == pytest.approx(alone[0], rel=0.015)
+    for domain, error in (((1, 2, True), 0.015), ((2, 2, False), 0.01), ((2, 4, True), 0.01)):
+        assert fluxes(empty, *domain, obstacle)[-1][0] == pytest.approx(alone[0], rel=error)
     for domain in ((2, 1, False), (1, 3, False), (3, 2, False)):  # far from a square lattice
         assert fluxes(empty, *domain, obstacle)[-1][0] == pytest.approx(alone[0], rel=0.07)
     assert abs(fluxes(empty, 1, 2, True, obstacle)[0][0] / alone[0] - 1) > 0.5
