@@ -6,8 +6,9 @@ from dldsim import PHYSICS_VERSION
 from dldsim.solver import scene, time_loop
 from tests.experiments.golden import RUNS, SET_3, array_path, read_golden
 
-ACROSS_PROCESSORS = 1e-9
-"""µm by which processors may differ; on one machine runs are equal bit for bit."""
+ACROSS_PROCESSORS = 1e-7
+"""µm by which processors may differ; on one machine runs are equal bit for bit. Seen, between
+vectors of 256 and 512 bits: 1.5e-8 in the zigzag run, close to pillars, 2e-11 in the others."""
 CHANGED = 1e-6
 """µm by which a run must move if a constant of the physics changes by a tenth."""
 
