@@ -165,9 +165,10 @@ def resting(m: np.ndarray, control: RunControl) -> Motion | None:
 def swinging(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | None:
     """A bump lane in which the cell goes on swinging, as a tumbling cell does.
 
-    Its lowest positions of n swings give a predictive distribution of the next (Student's t). The
-    lane holds if the chance that this falls below the lowest one from which the cell has come back,
-    by more than the scatter of the row map, is below ``capture_chance_max`` per row.
+    Its lowest positions of n swings, all but the first, which belongs to the entry, give a
+    predictive distribution of the next (Student's t). The lane holds if the chance that this falls
+    below the lowest one from which the cell has come back, by more than the scatter of the row map,
+    is below ``capture_chance_max`` per row.
     """
     entry = lane_entry(m, control.orbit_tolerance)
     if entry is None:
@@ -178,7 +179,7 @@ def swinging(m: np.ndarray, periodicity: int, control: RunControl) -> Motion | N
     middle = (z.min() + z.max()) / 2
     below = np.flatnonzero(z < middle)
     dips = np.split(below, np.flatnonzero(np.diff(below) > 1) + 1)
-    dips = [part for part in dips if len(part) and part[-1] < len(z) - 1]
+    dips = [part for part in dips if len(part) and part[-1] < len(z) - 1][1:]
     if len(dips) < 3:
         return None
     lowest = np.array([z[part].min() for part in dips])

@@ -97,6 +97,17 @@ def test_a_swinging_lane_needs_swings():
     assert analyse(path_of(deeper[:40])).status == "undecided"
 
 
+def test_the_swing_of_the_entry_tells_nothing_of_the_next_ones():
+    """Dips of -0.3, then -0.55, -0.6, -0.6, …: the first alone is of the release."""
+    rows, rng = np.arange(38), np.random.default_rng(3)
+    depth = rng.uniform(0.55, 0.6, 38) * (1 - 0.8 * np.exp(-rows / 2))
+    z = -depth * np.abs(np.sin(np.pi * rows / 4.3))
+    steps = np.concatenate([[0.4, 0.9], [1.0], 1 + np.diff(z)])
+    _, result = first_decided(steps)
+    assert (result.status, result.mode) == ("stationary", "bump")
+    assert result.angle_low_deg <= angle_of_mean(1) <= result.angle_high_deg
+
+
 # ------------------------------------------------------------------------------ without a bump lane
 
 
