@@ -127,17 +127,30 @@ class TrajectoryPanel:
 def trajectory_panel(
     heading: str, run_ids: list[str], runs: pd.DataFrame, trajectories: pd.DataFrame
 ) -> TrajectoryPanel:
-    """Window of at least N_p rows (where the runs have them) up to the end of the shortest run."""
+    """The last rows of each run, at least N_p where it has them.
+
+    Those of a longer run are moved back by whole rows to where the shortest ends, and up or down by
+    whole pitches to where its path begins: the array is the same there.
+    """
     rows = [runs[runs["run_id"] == run_id].iloc[0] for run_id in run_ids]
     first = rows[0]
     pitch = first["pitch_um"]
     view = pitch * max(LONGEST_VIEW, first["periodicity"] + 1)
     tracks = [trajectories[trajectories["run_id"] == run_id] for run_id in run_ids]
-    end = min(track["x_um"].max() for track in tracks)
-    start = max(min(track["x_um"].min() for track in tracks), end - view)
+    ends = [track["x_um"].max() for track in tracks]
+    end = min(ends)
+    moved = []
+    for last, track in zip(ends, tracks, strict=True):
+        back = pitch * round((last - end) / pitch)
+        lower = back * first["row_shift_fraction"]
+        moved.append(track.assign(x_um=track["x_um"] - back, y_um=track["y_um"] - lower))
+    start = max(end - view, *(track["x_um"].min() for track in moved))
     paths = []
-    for run, track in zip(rows, tracks, strict=True):
+    for run, track in zip(rows, moved, strict=True):
         seen = track[track["x_um"].between(start, end)]
+        if paths:
+            off = seen["y_um"].iloc[0] - paths[0]["y"][0]
+            seen = seen.assign(y_um=seen["y_um"] - pitch * round(off / pitch))
         angle = f"{run['migration_angle_deg']:.2f}°"
         mark = "" if run["status"] in SETTLED else ", not settled"
         paths.append(

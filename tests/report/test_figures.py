@@ -245,6 +245,11 @@ def test_a_short_run_beside_a_long_one_is_seen_whole_in_the_window(tables):
     panel = trajectory_figures.trajectory_panel("two", [long, short], runs, trajectories[kept])
     assert all(len(path["x"]) > 1 for path in panel.paths)
     assert all(path["x"].max() <= cut for path in panel.paths)
+    # Of the long one what it settled into, which is its last rows.
+    own = trajectories[trajectories["run_id"] == long]
+    seen = np.ptp(panel.paths[0]["x"]) + array["pitch_um"].iloc[0]
+    last = own[own["x_um"] >= own["x_um"].max() - seen]
+    assert set(panel.paths[0]["deformation_index"]) <= set(last["deformation_index"])
 
 
 @pytest.mark.parametrize(
