@@ -10,5 +10,5 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 
 __version__ = "0.1.0"
 
-PHYSICS_VERSION = 5
+PHYSICS_VERSION = 6
 """Raised whenever a change of the simulator changes trajectories; a raise reruns simulations."""

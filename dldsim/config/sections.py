@@ -175,10 +175,10 @@ class Numerics(Section):
     half_scene: bool = Field(
         True, description="compute half of the height between plates and mirror the rest"
     )
-    rows: int = Field(2, ge=1, le=100, description="pillar rows in the domain (1 … N_p)")
-    lanes: int = Field(1, ge=1, le=20, description="pillars per row in the domain")
+    rows: int = Field(1, ge=1, le=100, description="pillar rows in the domain (1 … N_p)")
+    lanes: int = Field(2, ge=1, le=20, description="pillars per row in the domain")
     images: Literal["aligned", "dilute"] = Field(
-        "aligned",
+        "dilute",
         description="periodic images of the cell: with the mean flux held; or without what they do "
         "to the mean flow, as of one cell in an endless array",
     )

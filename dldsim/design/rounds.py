@@ -60,8 +60,8 @@ def verify(
     the surrogate interpolates.
 
     The best designs in which the cells part are simulated once more on a finer lattice at half the
-    numerical Reynolds number, as one cell in an endless array: only what parts them there as well
-    counts as separating.
+    numerical Reynolds number, with images of the cell farther off: only what parts them there as
+    well counts as separating.
 
     ``populations``: the request's cell types, ``chip``: at its flow, ``sources`` and ``history`` as
     of `Task`. ``simulate(geometry, population, height_um, finer)`` returns a row of `outcomes`;

@@ -219,9 +219,9 @@ def _settings(finer: Sequence[Mapping]) -> str:
     value = difference_of(finer)
     outcome = "no angle" if value is None else f"{abs(value):.2f}°"
     lag = max(row["lag_number"] or 0.0 for row in finer)
-    alone = ", one cell in an endless array" if finer[0]["images"] == "dilute" else ""
+    domain = f"{finer[0]['rows_in_domain']} × {finer[0]['lanes_in_domain']} pillars"
     spacing = finer[0]["spacing_um"] or math.nan
-    return f"{outcome} at spacing {spacing:.2f} µm and Re {lag:.2f}{alone}"
+    return f"{outcome} at spacing {spacing:.2f} µm, Re {lag:.2f} and {domain}"
 
 
 def _undecided(found: Sequence[Mapping]) -> str:

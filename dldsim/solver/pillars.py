@@ -44,8 +44,8 @@ class ArrayLattice:
 
 
 def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
-    """Numerics on the next finer lattice that the row shift allows, at half the numerical Re, of
-    one cell in an endless array: what holds there as well rests on none of the campaign's.
+    """Numerics on the next finer lattice that the row shift allows, at half the numerical Re, with
+    images farther off: what holds there as well rests on none of the campaign's.
     """
     shift_um = geometry.pitch_um / geometry.periodicity
     _, nodes = whole_shift_spacing(geometry, numerics.spacing_um)
@@ -53,8 +53,8 @@ def next_finer(geometry: Geometry, numerics: Numerics) -> Numerics:
         update={
             "spacing_um": shift_um / (nodes + 1),
             "reynolds_max": numerics.reynolds_max / 2,
-            "rows": 2,
-            "lanes": 2,
+            "rows": max(2, numerics.rows),
+            "lanes": max(2, numerics.lanes),
             "images": "dilute",
         }
     )

@@ -32,6 +32,11 @@ def test_other_numerics_are_named_with_the_remedy(change, words):
     assert "surrogate.survey: false" in caught.value.remedy
 
 
+def test_the_periodic_domain_may_differ():
+    other = make_outcomes().assign(rows_in_domain=2, lanes_in_domain=4, images="aligned")
+    assert len(learning.with_survey(other, make_survey(8, 8))) == 97
+
+
 def test_measured_rows_have_no_numerics_to_differ():
     outcomes = make_outcomes().astype(dict.fromkeys(learning.MADE_WITH, object))
     outcomes.loc[3, learning.MADE_WITH] = None

@@ -32,7 +32,8 @@ def pair(
             "stop_reason": "why",
             "spacing_um": spacing_um,
             "lag_number": lag,
-            "images": "dilute",
+            "rows_in_domain": 2,
+            "lanes_in_domain": 2,
         }
         for angle, mode in zip((first, second), modes, strict=True)
     ]
@@ -106,8 +107,7 @@ def test_the_verdict_says_which_settings_agreed():
     finer = pair(0.9, 5.2, spacing_um=0.85, lag=0.07)
     words = verdict(pair(1.0, 5.0), 0.5, finer)
     assert words.startswith(
-        "separates by 4.00 ± 0.50°, 4.30° at spacing 0.85 µm and Re 0.07, "
-        "one cell in an endless array"
+        "separates by 4.00 ± 0.50°, 4.30° at spacing 0.85 µm, Re 0.07 and 2 × 2 pillars"
     )
     assert verdict(pair(1.0, 5.0), 0.5, None).startswith(
         "separates by 4.00 ± 0.50° at this setting; not confirmed at a finer one"
@@ -129,3 +129,5 @@ def test_the_finer_lattice_is_the_next_one_at_half_the_reynolds_number(radius, g
     assert fine.reynolds_max == coarse.reynolds_max / 2
     assert Numerics(**fine.model_dump()) == fine
     assert (fine.rows, fine.lanes, fine.images) == (2, 2, "dilute")
+    wide = next_finer(geometry, coarse.model_copy(update={"rows": 2, "lanes": 4}))
+    assert (wide.rows, wide.lanes) == (2, 4)

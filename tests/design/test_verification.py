@@ -70,7 +70,8 @@ class Nature:
             "wall_time_s": 2.0,
             "angle_spread_deg": 0.0,
             "spacing_um": 0.9 if finer else 1.25,
-            "images": "dilute" if finer else "aligned",
+            "rows_in_domain": 2 if finer else 1,
+            "lanes_in_domain": 2,
             "lag_number": 0.1,
         }
 

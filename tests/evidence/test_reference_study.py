@@ -30,7 +30,7 @@ def test_another_domain_changes_nothing_else(config):
     own, other = (study.pair_settings(run, name, config) for name in (CAMPAIGN, study.DOMAIN))
     domain = {"rows": 2, "lanes": 2, "images": "dilute"}
     assert other == own | {"numerics": own["numerics"] | domain}
-    for none in ({}, {"rows": 2, "lanes": 1, "images": "aligned"}):
+    for none in ({}, {"rows": 1, "lanes": 2, "images": "dilute"}):
         assert study.DOMAIN not in {name for _, name in study.pairs(with_domain(config, **none))}
 
 

@@ -345,7 +345,7 @@ def test_a_cell_that_does_not_advance_is_stuck(empty, monkeypatch):
 def test_what_a_scene_leaves_out_is_said(empty):
     soft = SET_1.model_copy(update={"kb_pN_um": 0.0, "kvisc_nN_s_per_m": 0.0})
     row = run(empty, RunControl(max_rows=2), stiffness=soft).row
-    assert "2 of 4 rows" in row["left_out"]
+    assert "3 of 4 rows" in row["left_out"]
     assert "kb_pN_um, kvisc_nN_s_per_m" in row["left_out"]
 
 
@@ -368,7 +368,7 @@ def test_the_two_dimensional_limit_is_refused():
 
 
 def test_an_empty_flow_of_another_lattice_is_refused(empty):
-    with pytest.raises(DldsimError, match="rows = 2 .run: 3"):
+    with pytest.raises(DldsimError, match="rows = 1 .run: 3"):
         simulate(numerics=Numerics(rows=3), empty_flow=empty)
 
 

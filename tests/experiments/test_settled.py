@@ -24,8 +24,8 @@ ZIGZAGS = Geometry(pillar_radius_um=5, gap_um=12, periodicity=4)
 CELL, FLOW = Cell(radius_um=4.0), Flow(height_um=10.0)
 CELLS = {BUMPS: CELL, ZIGZAGS: Cell(radius_um=4.0, shape="sphere")}
 """A red cell that swings in the bump lane, a sphere whose orbit has four rows."""
-COARSE = Numerics(spacing_um=1.25, reynolds_max=0.3)
-FINE = Numerics(spacing_um=0.85, reynolds_max=0.3)
+COARSE = Numerics(spacing_um=1.25, reynolds_max=0.3, rows=2, lanes=1, images="aligned")
+FINE = COARSE.model_copy(update={"spacing_um": 0.85})
 CONTROL = RunControl(max_rows=30, release_gap_fractions=[0.5, 0.35])
 
 
