@@ -19,7 +19,7 @@ import numpy as np
 from dldsim import laws
 from dldsim.analysis.features import share_of
 from dldsim.analysis.stiffness import stiffness_at
-from dldsim.config.feasibility import check_array, check_passable
+from dldsim.config.feasibility import check_array, check_images, check_passable
 from dldsim.config.identifiers import Pair, outcome_id
 from dldsim.config.provenance import derive_seed
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, Stiffness
@@ -264,6 +264,7 @@ def _check(name: str, geometry: Geometry, cell: CellShape, height_um: float, set
     try:
         check_passable(geometry, cell, height_um)
         check_array(geometry, flow, settings.numerics)
+        check_images(geometry, cell, settings.numerics)
     except DldsimError as error:
         raise DldsimError(
             f"survey, point {name}: {error}",

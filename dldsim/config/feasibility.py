@@ -128,6 +128,23 @@ def check_array(
     check_memory(nodes, numerics.precision, "numerics.spacing_um", numerics.spacing_um, limits)
 
 
+def check_images(geometry: Geometry, cell: CellShape, numerics: Numerics) -> None:
+    """Refuse a periodic domain in which the cell at rest would reach its own image."""
+    rows, lanes = numerics.rows, numerics.lanes
+    aside = rows / geometry.periodicity + numerics.staggered * (lanes // 2)
+    ahead = range(1, lanes // rows + 2)
+    apart = min(lanes, *(math.hypot(i * rows, math.remainder(i * aside, lanes)) for i in ahead))
+    if apart * geometry.pitch_um <= 2 * cell.radius_um:
+        raise DldsimError(
+            f"The periodic images of the cell are {apart * geometry.pitch_um:.3g} µm apart in a "
+            f"domain of {rows} × {lanes} pillars, no more than its diameter.",
+            key="numerics.lanes",
+            value=lanes,
+            allowed=f"images more than {2 * cell.radius_um:g} µm apart",
+            remedy="Raise numerics.lanes and numerics.rows, or take a smaller cell.",
+        )
+
+
 def check_channel(channel: Constriction, numerics: Numerics, limits: Limits | None = None) -> None:
     """Refuse a constriction channel that the lattice cannot carry, or that needs too much memory.
 
@@ -325,6 +342,7 @@ def check_sweep(config: Config) -> None:
             for periodicity in sweep.periodicity:
                 array = geometry.model_copy(update={"periodicity": periodicity})
                 check_array(array, config.flow, config.numerics, config.limits)
+                check_images(array, config.cell, config.numerics)
             feasible += 1
     if not feasible:
         raise DldsimError(

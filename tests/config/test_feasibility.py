@@ -1,5 +1,6 @@
 """What no lattice and no cell can do is refused before anything runs."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import yaml
 from dldsim.config.feasibility import (
     check_array,
     check_gap,
+    check_images,
     check_passable,
     check_release,
     smallest_passable_um,
@@ -36,6 +38,22 @@ def test_smallest_passable_tube():
     geometry = Geometry(pillar_radius_um=2, gap_um=20, periodicity=4)
     with pytest.raises(DldsimError, match="height_um"):
         check_passable(geometry, Cell(), height_um=4)
+
+
+def test_a_cell_must_not_reach_its_own_image():
+    """One pitch of 12 µm apart it would; half of the lanes aside it does not."""
+    geometry = Geometry(pillar_radius_um=1, gap_um=10, periodicity=10)
+    one = Numerics(rows=1, lanes=1)
+    check_images(geometry, Cell(radius_um=5.9), one)
+    with pytest.raises(DldsimError, match="12 µm apart in a domain of 1 × 1 pillars") as caught:
+        check_images(geometry, Cell(radius_um=6), one)
+    assert caught.value.key == "numerics.lanes" and caught.value.remedy
+    # (1, 1.1 − 2) and (1, 1.1) pitches; two lanes without stagger have (1, 0.1).
+    nearest = 12 * math.hypot(1, 0.9)
+    check_images(geometry, Cell(radius_um=nearest / 2 - 0.01), Numerics())
+    for numerics, radius in ((Numerics(), nearest / 2 + 0.01), (Numerics(images="aligned"), 6.1)):
+        with pytest.raises(DldsimError):
+            check_images(geometry, Cell(radius_um=radius), numerics)
 
 
 CHANNEL = {"kind": "channel", "velocity_mm_s": 1.0}

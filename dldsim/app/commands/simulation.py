@@ -25,7 +25,7 @@ from dldsim.config.assay_sections import GROUP_VELOCITY, ConstrictionAssay
 from dldsim.config.assays import NOT_IN_ASSAYS, Membrane, passages_of
 from dldsim.config.configuration import Partial
 from dldsim.config.explain import validate
-from dldsim.config.feasibility import check_gap, check_passable
+from dldsim.config.feasibility import check_gap, check_images, check_passable
 from dldsim.config.sections import (
     Cell,
     CellShape,
@@ -49,6 +49,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     control = _control(config, args)
     check_gap(geometry, safety_distance_um(config))
     check_passable(geometry, cell, flow.height_um)
+    check_images(geometry, cell, numerics)
     stiffness = entry_of(config, "stiffness_sets", args.set, "--set")
     outcome = identifiers.outcome_id(identifiers.Pair(geometry, args.set))
     shown = [f"--{name}" for name in ("movie", "vtk") if getattr(args, name)]
