@@ -167,7 +167,7 @@ def _basis(page: Page) -> dict:
         "radius": f"{cell['cell_radius_um']:g}",
         "height": f"{cell['height_um']:g}" if cell["height_um"] else None,
         "domains": domains or "an unknown number of",
-        "dilute": (outcomes["images"] == "dilute").all(),
+        "dilute": (outcomes["images"].dropna() == "dilute").all(),
         "capillary": f"{number(capillary.min(), 2)} to {number(capillary.max(), 2)}",
         "lag": number(outcomes["lag_number"].max(), 2),
     }
