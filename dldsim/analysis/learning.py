@@ -62,7 +62,7 @@ def survey_hash() -> str:
 
 
 DOMAIN = {COLUMN_OF[name] for name in ("rows", "lanes", "images")}
-"""What may differ: periodic images move an angle by less than the surrogate does not know."""
+"""What may differ: of discs it changes less than the surrogate does not know, of spheres more."""
 MADE_WITH = [*(c for c in COLUMN_OF.values() if c not in DOMAIN), "release_axis"]
 """Columns of `outcomes` in which campaign and survey must agree."""
 

@@ -6,9 +6,10 @@ from dldsim import PHYSICS_VERSION
 from dldsim.solver import scene, time_loop
 from tests.experiments.golden import RUNS, SET_3, array_path, read_golden
 
-ACROSS_PROCESSORS = 1e-7
-"""µm by which processors may differ; on one machine runs are equal bit for bit. Seen, between
-vectors of 256 and 512 bits: 1.5e-8 in the zigzag run, close to pillars, 2e-11 in the others."""
+ACROSS_PROCESSORS = {"zigzag": 1e-7}
+"""µm by which processors may differ, 1e-9 where nothing else is said; on one machine runs are equal
+bit for bit. Seen, between vectors of 256 and 512 bits: 1.5e-8 in the zigzag run, close to pillars,
+2e-11 in the others."""
 CHANGED = 1e-6
 """µm by which a run must move if a constant of the physics changes by a tenth."""
 
@@ -21,7 +22,8 @@ def test_golden_runs_are_of_this_version():
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_golden_run_is_what_it_was(name):
-    assert RUNS[name]() == pytest.approx(read_golden()[name], rel=0, abs=ACROSS_PROCESSORS), (
+    bound = ACROSS_PROCESSORS.get(name, 1e-9)
+    assert RUNS[name]() == pytest.approx(read_golden()[name], rel=0, abs=bound), (
         "trajectories have changed: raise PHYSICS_VERSION, or find out why"
     )
 
