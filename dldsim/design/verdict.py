@@ -138,18 +138,18 @@ def towards(order: float, difference: float) -> float:
 def parts(found: Sequence[Mapping], sigma_deg: float | None) -> bool | None:
     """Whether two outcomes part the cells from every place of release.
 
-    Decided outcomes part if the angles differ by more than SIGMAS σ_num and by more than both
-    spreads of the releases together. Where one is undecided, its bounds decide: they part the cells
-    if they do not overlap. None where they do overlap, where σ_num is not known, and where it is
-    too large because a mode is open: a finer setting can tell.
+    Outcomes part if the angles differ by more than both spreads of the releases together and, where
+    both are decided, by more than SIGMAS σ_num. Where one is undecided its bounds, means over the
+    flux as the angle is, must not overlap. None where they do, where σ_num is not known, and where
+    it is too large because a mode is open: a finer setting can tell.
     """
     difference = difference_of(found)
     if difference is None or any(row["status"] not in ("decided", "undecided") for row in found):
         return False
     if any(row["status"] == "undecided" for row in found):
         apart = max(r["angle_low_deg"] for r in found) > min(r["angle_high_deg"] for r in found)
-        return True if apart else None
-    if abs(difference) <= sum(row["angle_spread_deg"] or 0.0 for row in found):
+        return True if apart and abs(difference) > _spread(found) else None
+    if abs(difference) <= _spread(found):
         return False
     if sigma_deg is None or abs(difference) > SIGMAS * sigma_deg:
         return None if sigma_deg is None else True
@@ -172,10 +172,17 @@ def separated(
         return same if known else None
     if same is not False and towards(here, there) < 0:
         return False
+    if known:
+        return same
     both = zip(found, finer, strict=True)
     if all({a["status"], b["status"]} == {"decided"} and a["mode"] == b["mode"] for a, b in both):
-        return abs(there) > sum(row["angle_spread_deg"] or 0.0 for row in finer)
-    return same if known else None
+        return towards(here, there) > _spread(finer)
+    return None
+
+
+def _spread(found: Sequence[Mapping]) -> float:
+    """Spreads of the angles [°] over the places of release of both cell types together."""
+    return sum(row["angle_spread_deg"] or 0.0 for row in found)
 
 
 def design_verdict(

@@ -26,7 +26,7 @@ from dldsim.experiments.runner import Progress
 from dldsim.experiments.settled import SettledCell
 from dldsim.solver.flow import EmptyFlow, solve_empty_array
 from dldsim.solver.scene import CellInFlow
-from dldsim.vocabulary import GONE_ON, RELEASED, SETTLED
+from dldsim.vocabulary import COEXISTING, GONE_ON, RELEASED, SETTLED
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,8 @@ def simulate_outcome(
     found = together()
     row |= sum_up(found, [run.row for run in runs.values()], geometry.periodicity)
     if place is not None:
-        row["status"] = "undecided"
+        if row["status"] != COEXISTING:
+            row["status"] = "undecided"
         row["stop_reason"] = (
             f"{row['rows_total']} of outcome_rows_max = {control.outcome_rows_max} rows spent "
             f"before a release at {place:g} of the gap; {row['stop_reason']}"

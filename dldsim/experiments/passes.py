@@ -13,6 +13,7 @@ from scipy.special import fdtrc, stdtr, stdtrit
 
 from dldsim.config.sections import RunControl
 from dldsim.experiments.migration import Migration, framed
+from dldsim.vocabulary import SETTLED
 
 CONFIDENCE = 0.95
 UNLIKE = 0.05
@@ -53,8 +54,8 @@ def find_passes(m: np.ndarray, periodicity: int) -> Passes:
     levels = np.arange(first, z[-1], -periodicity)
     after = np.searchsorted(-z, -levels, side="left")
     starts = after - (levels - z[after]) / (z[after - 1] - z[after])
-    whole = np.floor(starts).astype(int)
-    peaks = [m[a:b].max() for a, b in pairwise(whole)]
+    whole = after - 1  # the row in which it falls
+    peaks = [m[a : max(b, a + 1)].max() for a, b in pairwise(whole)]
     bend = np.abs(np.diff(m, prepend=m[0], append=m[-1]))
     errors = np.maximum(bend[whole], bend[whole + 1]) / 8 / np.abs(m[whole] - 1)
     return Passes(starts, errors, np.array(peaks))
@@ -94,10 +95,10 @@ def falling(others: Sequence[Migration], pitch: float, periodicity: int) -> list
     found = []
     for one in others:
         passes = find_passes(one.lateral_steps * periodicity / pitch, periodicity)
+        if one.status in SETTLED and one.mode == "bump" and len(passes):
+            return []
         if one.status in ("stationary", "undecided") and len(passes) > 1:
             found.append(passes)
-        elif one.status == "converged" and len(passes):
-            return []
     return found
 
 

@@ -73,6 +73,11 @@ def test_of_undecided_outcomes_the_bounds_decide():
     assert words.startswith("open, 0.30°: cell type 1 is undecided and cell type 2 is undecided")
 
 
+def test_bounds_of_an_undecided_outcome_are_no_bounds_of_its_releases():
+    """They are means over the flux: releases may lie where the other cell type goes."""
+    assert parts(pair(1.0, 3.0, spread=1.1, status="undecided"), 5.0) is None
+
+
 def test_no_angle_parts_nothing():
     assert parts(pair(1.0, None), 0.1) is False
 
@@ -84,6 +89,13 @@ def test_separating_needs_the_finer_setting_in_the_same_order():
     assert separated(found, 0.5, pair(5.2, 0.9)) is False
     assert separated(found, 0.5, None) is None
     assert separated(pair(1.0, 1.1), 0.5, None) is False
+    # The same modes at a finer setting settle what σ_num leaves open, not what it denies.
+    assert parts(pair(2.25, 1.75), 0.3) is False
+    assert separated(pair(1.0, 3.0), 0.3, pair(2.25, 1.75)) is False
+    assert separated(pair(1.0, 3.0), 0.3, pair(2.0, 2.3)) is False
+    near = pair(1.0, 3.0, mode_open=True)
+    assert separated(near, 2.0, pair(2.0, 2.3)) is True
+    assert separated(near, 2.0, pair(2.3, 2.0)) is False
 
 
 def test_a_finer_setting_settles_a_mode_that_is_open_by_sigma_num():

@@ -1,13 +1,17 @@
 """Outcomes: several runs of one cell through one array."""
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 
+import dldsim
 from dldsim.analysis.uncertainty import SIGMA
-from dldsim.config.sections import Cell, Flow, RunControl
+from dldsim.config.sections import Cell, Flow, Geometry, RunControl
 from dldsim.errors import NoRoom
 from dldsim.experiments.array_outcome import simulate_outcome
-from dldsim.experiments.array_run import simulate_run
+from dldsim.experiments.array_run import RunResult, simulate_run
 from dldsim.tables.parquet import write_table
 from dldsim.tables.registry import COLUMNS
 from tests.experiments.small_array import CELL, FLOW, GEOMETRY, NUMERICS, SET_1
@@ -78,3 +82,29 @@ def test_places_where_the_cell_does_not_fit_are_left_out():
     assert made.row["stop_reason"].endswith("does not fit at 0.8")
     with pytest.raises(NoRoom, match="does not fit at its release"):
         outcome(0.8, 0.85)
+
+
+def test_two_motions_stay_two_when_rows_are_spent():
+    """Means of the bounds of different motions would pass for the bounds of one."""
+    package = Path(dldsim.__file__).parent / "data/campaign"
+    outcomes = pd.read_parquet(package / "outcomes.parquet").set_index("outcome_id")
+    about = outcomes.loc["r09.0_g20.0_n10_s5"]
+    runs = pd.read_parquet(package / "runs.parquet")
+    finished = {
+        row["release_gap_fraction"]: RunResult(row, {})
+        for row in runs[runs["outcome_id"] == about.name].to_dict("records")
+    }
+    del finished[0.8]
+    made = simulate_outcome(
+        Geometry(**about[["pillar_radius_um", "gap_um", "periodicity"]].to_dict()),
+        SET_1,
+        CELL,
+        FLOW,
+        NUMERICS,
+        RunControl(max_rows=40, outcome_rows_max=55, release_gap_fractions=[0.5, 0.2, 0.8]),
+        outcome_id=about.name,
+        stiffness_set="5",
+        finished=finished,
+    )
+    assert about["status"] == made.row["status"] == "coexisting" and made.row["coexisting"]
+    assert "55 rows spent" in made.row["stop_reason"]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_ind
 
-from dldsim.experiments.passes import Passes, alike, chance_beyond
+from dldsim.experiments.migration import Migration
+from dldsim.experiments.passes import Passes, alike, chance_beyond, falling, find_passes
 
 
 def test_chance_is_that_of_the_predictive_distribution():
@@ -30,3 +31,27 @@ def test_passes_of_other_lengths_are_unlike():
         assert alike([of(*rows) for rows in pair]) == expected == (ttest_ind(*pair).pvalue > 0.05)
     assert alike([of(12.0, 12.0), of(12.0)])
     assert not alike([of(12.0, 12.0), of(13.0, 13.0)])
+
+
+def test_a_cell_may_fall_through_two_lanes_in_a_row():
+    m = np.array([1.0, 0.9, 0.5, -6.6, 0.9, 0.5, 0.4, -0.8])
+    passes = find_passes(m, 3)
+    assert len(passes) >= 2
+    assert np.isfinite(passes.start_errors).all() and np.isfinite(passes.peaks).all()
+
+
+@pytest.mark.parametrize(
+    ("status", "mode", "known"),
+    [
+        ("stationary", "mixed", True),
+        ("undecided", "mixed", True),
+        ("converged", "bump", False),
+        ("stationary", "bump", False),  # swings there
+        ("periodic", "bump", False),
+    ],
+)
+def test_passes_before_a_capture_tell_nothing_of_how_often_the_lane_catches(status, mode, known):
+    m = np.tile([0.8, 0.7, 0.5, -2.0, 0.6], 5)
+    steps = m / 4  # of a pitch of 1 and N_p 4
+    other = Migration(status, "", mode, lateral_steps=steps, lateral_start=0.0)
+    assert bool(falling([other], 1.0, 4)) is known
