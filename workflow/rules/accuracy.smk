@@ -12,8 +12,6 @@ rule accuracy_run:
         f"{RESULTS}/logs/accuracy_run/{{variant}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/accuracy_run/{{variant}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "accuracy run {wildcards.variant}"
     script:
@@ -33,8 +31,6 @@ rule accuracy:
         f"{RESULTS}/logs/accuracy.log",
     benchmark:
         f"{RESULTS}/benchmarks/accuracy.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "compare the accuracy runs"
     script:

@@ -15,8 +15,6 @@ rule anova:
         f"{RESULTS}/logs/anova.log",
     benchmark:
         f"{RESULTS}/benchmarks/anova.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "analyse the variance of the migration angle"
     script:
@@ -35,8 +33,6 @@ rule robustness_map:
         f"{RESULTS}/logs/robustness_map.log",
     benchmark:
         f"{RESULTS}/benchmarks/robustness_map.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "score the robustness of each geometry"
     script:
@@ -61,8 +57,6 @@ rule sensitivity:
         f"{RESULTS}/logs/sensitivity.log",
     benchmark:
         f"{RESULTS}/benchmarks/sensitivity.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "ask the surrogate for sensitivities and fabrication risks"
     script:
@@ -83,8 +77,6 @@ rule benchmark:
         f"{RESULTS}/logs/benchmark.log",
     benchmark:
         f"{RESULTS}/benchmarks/benchmark.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "compare regressors of the migration angle"
     script:
@@ -103,8 +95,6 @@ rule learning_curve:
         f"{RESULTS}/logs/learning_curve.log",
     benchmark:
         f"{RESULTS}/benchmarks/learning_curve.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "learn the migration angle from fewer outcomes"
     script:

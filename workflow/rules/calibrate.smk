@@ -13,8 +13,6 @@ rule assay_point:
         f"{RESULTS}/logs/assay_point/{{point}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/assay_point/{{point}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "passages of {wildcards.point}"
     script:
@@ -34,8 +32,6 @@ rule assays:
         f"{RESULTS}/logs/assays.log",
     benchmark:
         f"{RESULTS}/benchmarks/assays.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the passages of all assays"
     script:
@@ -56,8 +52,6 @@ rule calibration:
         f"{RESULTS}/logs/calibration.log",
     benchmark:
         f"{RESULTS}/benchmarks/calibration.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "calibrate the index of each assay"
     script:
@@ -77,8 +71,6 @@ rule calibration_library:
         f"{RESULTS}/logs/calibration_library.log",
     benchmark:
         f"{RESULTS}/benchmarks/calibration_library.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "calibrate assays for other cells"
     script:
@@ -99,8 +91,6 @@ rule assay_study:
         f"{RESULTS}/logs/assay_study.log",
     benchmark:
         f"{RESULTS}/benchmarks/assay_study.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "compare what assays resolve"
     script:

@@ -15,8 +15,6 @@ rule surrogate:
     benchmark:
         f"{RESULTS}/benchmarks/surrogate.tsv"
     priority: 1
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "fit the surrogate of the migration angle"
     script:
@@ -56,8 +54,6 @@ rule designs:
         f"{RESULTS}/logs/designs.log",
     benchmark:
         f"{RESULTS}/benchmarks/designs.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "search for designs"
     script:
@@ -76,8 +72,6 @@ rule search_regret:
         f"{RESULTS}/logs/search_regret.log",
     benchmark:
         f"{RESULTS}/benchmarks/search_regret.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "compare the design search with random and exhaustive search"
     script:
@@ -104,8 +98,6 @@ rule verify:
         f"{RESULTS}/benchmarks/verify/{{request}}.tsv"
     threads: 2  # both cell types of an array at a time
     priority: 1
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "verify the designs of {wildcards.request} by simulation"
     script:
@@ -139,8 +131,6 @@ rule verifications:
         f"{RESULTS}/logs/verifications.log",
     benchmark:
         f"{RESULTS}/benchmarks/verifications.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the verified designs and refit the surrogate"
     script:

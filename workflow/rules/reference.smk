@@ -18,8 +18,6 @@ rule reference_pair:
         f"{RESULTS}/logs/reference_pair/{{outcome}}--{{numerics}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/reference_pair/{{outcome}}--{{numerics}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "{wildcards.outcome} at the {wildcards.numerics} numerics"
     script:
@@ -38,8 +36,6 @@ rule critical_gap_point:
         f"{RESULTS}/logs/critical_gap_point/{{search}}--{{number}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/critical_gap_point/{{search}}--{{number}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "critical gap {wildcards.search}, point {wildcards.number}"
     script:
@@ -63,8 +59,6 @@ rule critical_gaps:
         f"{RESULTS}/logs/critical_gaps.log",
     benchmark:
         f"{RESULTS}/benchmarks/critical_gaps.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the critical gaps and their convergence"
     script:
@@ -89,8 +83,6 @@ rule reference_outcomes:
         f"{RESULTS}/logs/reference_outcomes.log",
     benchmark:
         f"{RESULTS}/benchmarks/reference_outcomes.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the pairs of the reference and model the numerical uncertainty"
     script:
@@ -117,8 +109,6 @@ rule reference_check:
         f"{RESULTS}/logs/reference_check.log",
     benchmark:
         f"{RESULTS}/benchmarks/reference_check.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "compare the campaign's numerics with the reference of the package"
     script:
@@ -135,8 +125,6 @@ rule spot_check_plan:
         releases=spot_check_releases,
     log:
         f"{RESULTS}/logs/spot_check_plan.log",
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "draw the outcomes of the spot check"
     script:
@@ -156,8 +144,6 @@ rule spot_check_release:
         f"{RESULTS}/logs/spot_check_release/{{outcome}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/spot_check_release/{{outcome}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "other releases of {wildcards.outcome}"
     script:
@@ -176,8 +162,6 @@ rule spot_check_run:
         f"{RESULTS}/logs/spot_check_run/{{outcome}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/spot_check_run/{{outcome}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "spot check of {wildcards.outcome}"
     script:
@@ -197,8 +181,6 @@ rule spot_check:
         f"{RESULTS}/logs/spot_check.log",
     benchmark:
         f"{RESULTS}/benchmarks/spot_check.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "compare the spot check with the campaign"
     script:

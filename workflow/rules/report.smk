@@ -44,8 +44,6 @@ rule report:
         f"{RESULTS}/logs/report.log",
     benchmark:
         f"{RESULTS}/benchmarks/report.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "write the report"
     script:

@@ -15,8 +15,6 @@ rule empty_flow:
     benchmark:
         f"{RESULTS}/benchmarks/empty_flow/{{geometry}}.tsv"
     priority: 1
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "flow without a cell through {wildcards.geometry}"
     script:
@@ -41,8 +39,6 @@ rule simulate_outcome:
     benchmark:
         f"{RESULTS}/benchmarks/simulate_outcome/{{outcome}}.tsv"
     priority: 1
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "cell through {wildcards.outcome}, released at as many places as it takes"
     script:
@@ -62,8 +58,6 @@ rule flows:
         f"{RESULTS}/logs/flows.log",
     benchmark:
         f"{RESULTS}/benchmarks/flows.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the flows of all geometries"
     script:
@@ -81,8 +75,6 @@ rule trajectories:
         f"{RESULTS}/logs/trajectories.log",
     benchmark:
         f"{RESULTS}/benchmarks/trajectories.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the trajectories of all runs"
     script:
@@ -102,8 +94,6 @@ rule runs:
         f"{RESULTS}/logs/runs.log",
     benchmark:
         f"{RESULTS}/benchmarks/runs.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the runs of all outcomes"
     script:
@@ -123,8 +113,6 @@ rule outcomes:
         f"{RESULTS}/logs/outcomes.log",
     benchmark:
         f"{RESULTS}/benchmarks/outcomes.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather all outcomes, join deformation indices and numerical uncertainty"
     script:

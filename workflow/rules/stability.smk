@@ -10,8 +10,6 @@ rule stability_family:
         f"{RESULTS}/logs/stability_family/{{family}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/stability_family/{{family}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "stability: {wildcards.family}"
     script:
@@ -31,8 +29,6 @@ rule stability:
         f"{RESULTS}/logs/stability.log",
     benchmark:
         f"{RESULTS}/benchmarks/stability.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the stability sweep"
     script:

@@ -13,8 +13,6 @@ rule survey_plan:
         f"{RESULTS}/logs/survey_plan/{{round}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/survey_plan/{{round}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "survey: choose the points of round {wildcards.round}"
     script:
@@ -40,8 +38,6 @@ rule survey_point:
         f"{RESULTS}/logs/survey_point/{{number}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/survey_point/{{number}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         f"survey: point {{wildcards.number}} of {len(SURVEY)}"
     script:
@@ -71,8 +67,6 @@ rule survey:
         f"{RESULTS}/logs/survey.log",
     benchmark:
         f"{RESULTS}/benchmarks/survey.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the survey, join the numerical uncertainty"
     script:

@@ -13,8 +13,6 @@ rule validate_case:
         f"{RESULTS}/logs/validate_case/{{case}}.log",
     benchmark:
         f"{RESULTS}/benchmarks/validate_case/{{case}}.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "validation case {wildcards.case}"
     script:
@@ -34,8 +32,6 @@ rule validation:
         f"{RESULTS}/logs/validation.log",
     benchmark:
         f"{RESULTS}/benchmarks/validation.tsv"
-    conda:
-        "../envs/dldsim.yaml"
     message:
         "gather the validation cases"
     script:
