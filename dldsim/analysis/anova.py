@@ -261,7 +261,14 @@ def _fit(
     """Rows of one model of full rank: Type II sums of squares by statsmodels; adds to `tests`."""
     if not terms:
         return [_row(model, "all", "no factor has an effect that can be estimated")]
-    residual_df = len(data) - rank(data, terms)
+    from statsmodels.formula.api import ols
+    from statsmodels.stats.anova import anova_lm
+
+    names = {name: f"v{i}" for i, name in enumerate(dict.fromkeys(sum(terms, ())))}
+    code = {n: v if n in NUMERIC else f"C({v})" for n, v in names.items()}
+    formula = "y ~ " + " + ".join(":".join(code[name] for name in term) for term in terms)
+    fit = ols(formula, data.rename(columns=names | {ANGLE: "y"})).fit()
+    residual_df = int(fit.df_resid)  # interactions without main effects have all levels
     if residual_df < 1:
         return [
             _row(
@@ -271,13 +278,6 @@ def _fit(
                 "degrees of freedom, nothing can be tested. Add sets or geometries.",
             )
         ]
-    from statsmodels.formula.api import ols
-    from statsmodels.stats.anova import anova_lm
-
-    names = {name: f"v{i}" for i, name in enumerate(dict.fromkeys(sum(terms, ())))}
-    code = {n: v if n in NUMERIC else f"C({v})" for n, v in names.items()}
-    formula = "y ~ " + " + ".join(":".join(code[name] for name in term) for term in terms)
-    fit = ols(formula, data.rename(columns=names | {ANGLE: "y"})).fit()
     table = anova_lm(fit, typ=2)
     labels = {term: ":".join(code[name] for name in term) for term in terms}
     exact = fit.ssr <= 1e-12 * fit.centered_tss

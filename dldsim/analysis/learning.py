@@ -10,8 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dldsim.config.sections import CellShape, Flow, Numerics
 from dldsim.errors import DldsimError
-from dldsim.tables.numerics import COLUMN_OF
+from dldsim.tables.numerics import COLUMN_OF, columns_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,19 +52,21 @@ def survey_of(settings: Mapping) -> "pd.DataFrame | None":
     return read_survey() if settings["surrogate"]["survey"] else None
 
 
-def survey_hash() -> str:
+def survey_hash(numerics: Numerics, cell: CellShape, flow: Flow) -> str:
     """Hash of the survey's file: what was learnt from another is made anew.
 
-    Raises DldsimError without one.
+    Raises DldsimError without one, and where it does not serve a campaign of these settings.
     """
-    if not SURVEY.exists():
-        read_survey()
+    import pandas as pd
+
+    made = columns_of(numerics) | {"release_axis": cell.axis, "drive": flow.drive}
+    with_survey(pd.DataFrame([made]), read_survey())
     return hashlib.sha256(SURVEY.read_bytes()).hexdigest()[:16]
 
 
 DOMAIN = {COLUMN_OF[name] for name in ("rows", "lanes", "images")}
 """What may differ: of discs it changes less than the surrogate does not know, of spheres more."""
-MADE_WITH = [*(c for c in COLUMN_OF.values() if c not in DOMAIN), "release_axis"]
+MADE_WITH = [*(c for c in COLUMN_OF.values() if c not in DOMAIN), "release_axis", "drive"]
 """Columns of `outcomes` in which campaign and survey must agree."""
 
 

@@ -23,6 +23,7 @@ from dldsim.analysis.robustness import axes_of
 from dldsim.analysis.surrogate import Surrogate
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import BUMP_FROM, ZIGZAG_TO
+from dldsim.tables.registry import TABLES
 from dldsim.vocabulary import GEOMETRY
 
 Asked = Callable[..., np.ndarray]
@@ -196,6 +197,8 @@ def partial_dependence(surrogate: Surrogate, outcomes: pd.DataFrame) -> pd.DataF
                 }
             )
         )
+    if not parts:  # one factor alone varies
+        return pd.DataFrame(columns=TABLES["partial_dependence"].names)
     return pd.concat(parts, ignore_index=True)
 
 

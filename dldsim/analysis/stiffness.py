@@ -18,9 +18,23 @@ def stiffness_at(ks_uN_per_m: float, sets: Mapping[str, Stiffness], key: str) ->
     Beyond them the elastic moduli of the nearest set are scaled in proportion, which leaves all
     ratios of Stokes flow but Ca as they are. ``key``: name of the spring constant in the input, for
     errors. Raises DldsimError for one that is not positive, one whose other moduli are out of
-    range, and without sets.
+    range, without sets, and for sets of one k_s with other moduli.
     """
-    curve = sorted((s.ks_uN_per_m, s) for s in sets.values() if s.ks_uN_per_m > 0)
+    by_ks: dict[float, list[str]] = {}
+    for name, s in sets.items():
+        if s.ks_uN_per_m > 0:
+            by_ks.setdefault(s.ks_uN_per_m, []).append(name)
+    for ks, names in by_ks.items():
+        if len({tuple(sets[name].model_dump().values()) for name in names}) > 1:
+            raise DldsimError(
+                f"{key}: stiffness sets {' and '.join(names)} have the same k_s of {ks:g} µN/m and "
+                "other moduli; k_s does not tell which a cell has.",
+                key=key,
+                value=ks_uN_per_m,
+                allowed="stiffness sets of different k_s",
+                remedy="Name the cell by its stiffness set.",
+            )
+    curve = sorted((ks, sets[names[0]]) for ks, names in by_ks.items())
     if not curve or not ks_uN_per_m > 0:
         raise DldsimError(
             f"{key}: no moduli for k_s = {ks_uN_per_m:.4g} µN/m; they are those of the stiffness "

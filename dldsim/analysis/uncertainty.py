@@ -40,7 +40,7 @@ OF_95_PERCENT = 1.96
 """Half width of a normal 95 % interval over its standard deviation."""
 OPEN_FROM = 0.05
 """Probability of the other mode from which on the mode is open: less is what 2 σ leave out."""
-CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s")
+CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s", "drive")
 RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
 SPANS, NO_ANGLE = "spans the modes", "no angle"

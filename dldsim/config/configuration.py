@@ -226,6 +226,14 @@ class Config(Partial):
                 known = ", ".join(sorted(calibrated))
                 raise Unfit(f"one of the assays {known}", f"design_requests.{i}.assay")
         default = self.assays[self.default_assay]
+        own = self.cell.shape, self.cell.radius_um
+        cells = [] if isinstance(default, TableAssay) else default.cells
+        if cells and own not in [(cell.shape, cell.radius_um) for cell in cells]:
+            raise Unfit(
+                f"among the cells of the default assay the campaign's, {own[0]} of {own[1]:g} µm; "
+                "or none",
+                f"assays.{self.default_assay}.cells",
+            )
         measured: Collection[str] = self.stiffness_sets
         if isinstance(default, TableAssay):
             measured = default.indices

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from dldsim.config.population_sections import CellScatter
-from dldsim.config.sections import Fraction, Name, Periodicity, Section, Shape, Unfit
+from dldsim.config.sections import Fraction, Name, Periodicity, Section, Shape, Unfit, thousandths
 
 
 class Device(Section):
@@ -103,7 +103,7 @@ class Device(Section):
         return None if count == 2 else [width_um * i / count for i in range(1, count)]
 
 
-Bound = Annotated[float, Field(gt=0, lt=1000)]
+Bound = Annotated[float, Field(gt=0, lt=1000), AfterValidator(thousandths)]
 Bounds = tuple[Bound, Bound]
 
 

@@ -9,7 +9,7 @@ from dldsim.config.assay_sections import ChannelAssay, ConstrictionAssay, ShearA
 from dldsim.config.configuration import Config, Partial
 from dldsim.config.identifiers import Point
 from dldsim.config.limits import Limits, check_memory
-from dldsim.config.sections import CellShape, Constriction, Flow, Geometry, Numerics
+from dldsim.config.sections import CellShape, Constriction, Flow, Geometry, Numerics, RunControl
 from dldsim.errors import DldsimError
 
 AREA_RESERVE = 0.1
@@ -320,9 +320,33 @@ def check_campaign(config: Config) -> None:
     )
 
 
+def check_rows(periodicity: int, control: RunControl) -> None:
+    """Refuse a periodicity of which no cell is followed for a whole period."""
+    for key in ("max_rows", "outcome_rows_max"):
+        if (rows := getattr(control, key)) < periodicity:
+            raise DldsimError(
+                f"run_control.{key} = {rows} is below N_p = {periodicity}: an angle needs one "
+                "period of the array.",
+                key=f"run_control.{key}",
+                value=rows,
+                allowed=f"{periodicity} or more",
+                remedy=f"Raise it, or leave out periodicities above {rows}.",
+            )
+
+
 def check_sweep(config: Config) -> None:
     """Every combination of the sweep must be sound; see Sweep.skip_infeasible."""
     sweep, feasible = config.sweep, 0
+    check_rows(max(sweep.periodicity), config.run_control)
+    if config.flow.height_um == 0:
+        raise DldsimError(
+            "flow.height_um = 0 is the two-dimensional limit of a flow without a cell; the cells "
+            "of a campaign need a channel height.",
+            key="flow.height_um",
+            value=0,
+            allowed="> 0",
+            remedy="Name a height; `python -m dldsim flow --height-um 0` has the flow alone.",
+        )
     for radius in sweep.pillar_radius_um:
         for gap in sweep.gaps_for(radius):
             geometry = Geometry(pillar_radius_um=radius, gap_um=gap, periodicity=2)

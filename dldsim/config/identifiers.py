@@ -80,6 +80,19 @@ def outcome_id(pair: Pair) -> str:
     return f"{geometry_id(pair.geometry)}_s{pair.stiffness_set}"
 
 
+def checked_outcome_id(
+    geometry: Geometry, name: str, finer: bool = False, height_um: float | None = None
+) -> str:
+    """Identifier of an outcome that checks a design, by the name of its cell type.
+
+    ``height_um``: another than the design's, in nm part of the name.
+    """
+    name += "-finer" * finer
+    if height_um is not None:
+        name += f"-h{1e3 * height_um:.0f}"
+    return outcome_id(Pair(geometry, name))
+
+
 def parse_outcome(text: str) -> Pair:
     """The inverse of `outcome_id`."""
     geometry, found, name = text.rpartition("_s")

@@ -226,6 +226,16 @@ def thousandths(value: float) -> float:
 Place = Annotated[float, Field(ge=0, le=1), AfterValidator(thousandths)]
 
 
+def distinct(places: list[float]) -> list[float]:
+    """Refuse a place of release that is named twice."""
+    if len(set(places)) < len(places):
+        raise ValueError("each place once")
+    return places
+
+
+Places = Annotated[list[Place], Field(min_length=1), AfterValidator(distinct)]
+
+
 class RunControl(Section):
     """Where runs begin, when they record and when they stop."""
 
@@ -262,9 +272,8 @@ class RunControl(Section):
         description="chance per row of another motion below which that is excluded",
     )
     records_per_row: int = Field(20, ge=4, le=1000, description="trajectory samples per row")
-    release_gap_fractions: list[Place] = Field(
+    release_gap_fractions: Places = Field(
         [0.5, 0.2, 0.8],
-        min_length=1,
         description="places of release of an outcome in the order of use, height of the centre "
         "above the lower pillar of its gap / P_g; 0.5 is the source's",
     )
@@ -274,13 +283,6 @@ class RunControl(Section):
         le=100_000,
         description="most rows over all releases of an outcome; then it is undecided",
     )
-
-    @field_validator("release_gap_fractions")
-    @classmethod
-    def _distinct(cls, places: list[float]) -> list[float]:
-        if len(set(places)) < len(places):
-            raise ValueError("each place once")
-        return places
 
     @model_validator(mode="after")
     def _least_rows_within_most(self) -> "RunControl":

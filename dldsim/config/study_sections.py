@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, Strict, model_validator
 
 from dldsim.config.identifiers import parse_outcome
-from dldsim.config.sections import Fraction, Length, Name, Periodicity, Section, Stiffness
+from dldsim.config.sections import Length, Name, Periodicity, Place, Places, Section, Stiffness
 from dldsim.errors import DldsimError
 
 
@@ -40,7 +40,7 @@ class AngleStudy(WorkPrecision):
     """Runs through arrays whose migration angle is studied."""
 
     cases: dict[Name, RunId] = Field({}, description="identifiers of runs by name")
-    other_starts: list[Fraction] = Field(
+    other_starts: list[Place] = Field(
         [], description="release_gap_fraction of the repetitions of each run"
     )
     long_rows: int = Field(
@@ -133,9 +133,7 @@ class Reference(Section):
         description="of all pairs once more, at the campaign's numerics otherwise; null, or the "
         "campaign's own: none",
     )
-    releases: list[Fraction] = Field(
-        [0.2, 0.5, 0.8], min_length=1, description="places of release, as shares of the gap"
-    )
+    releases: Places = Field([0.2, 0.5, 0.8], description="places of release, as shares of the gap")
     rows: int = Field(
         100, ge=2, le=10_000, description="most rows that a cell is followed from a release"
     )

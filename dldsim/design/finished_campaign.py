@@ -113,7 +113,7 @@ def make_campaign(
 
     Raises DldsimError for outcomes of several conditions.
     """
-    settings = settings_of_outcomes(tables["outcomes"], tables.get("flows"))
+    settings = settings_of_outcomes(tables["outcomes"])
     settings["run_control"] = dict(run_control or RunControl().model_dump())
     settings |= {"device": device.model_dump(), "safety_distance_um": safety_distance_um}
     return Campaign(settings, tables, make_chip(settings, tables.get("flows")), model)
@@ -289,16 +289,14 @@ def check_model(
         )
 
 
-def settings_of_outcomes(
-    outcomes: pd.DataFrame, flows: pd.DataFrame | None = None
-) -> dict[str, Any]:
+def settings_of_outcomes(outcomes: pd.DataFrame) -> dict[str, Any]:
     """Sections cell, flow, numerics and stiffness_sets as a table of outcomes tells them.
 
     The viscosity is that of the capillary number Ca = μU/k_s. Raises DldsimError for mixed ones,
     and for values that no configuration can have.
     """
     for name in (*CELL_COLUMNS.values(), *FLOW_COLUMNS, *COLUMN_OF.values()):
-        if outcomes[name].nunique() != 1:
+        if outcomes[name].nunique(dropna=False) != 1:
             raise DldsimError(
                 f"The table of outcomes mixes several values of {name}: designs are "
                 "made from outcomes of one cell, channel and velocity.",
@@ -312,9 +310,7 @@ def settings_of_outcomes(
     flow = {name: first[name] for name in FLOW_COLUMNS}
     viscosity = first["capillary_number"] * first["ks_uN_per_m"] / flow["mean_velocity_mm_s"]
     flow["viscosity_mPa_s"] = round(float(viscosity), 9)
-    if flows is not None and len(flows):
-        flow["drive"] = flows["drive"].iloc[0]
-    cell = {name: first[column] for name, column in CELL_COLUMNS.items()}
+    cell = {name: first[column] for name, column in CELL_COLUMNS.items() if pd.notna(first[column])}
     names = list(Stiffness.model_fields)
     sets = done.drop_duplicates("stiffness_set").set_index("stiffness_set")[names]
     return {
@@ -327,9 +323,14 @@ def settings_of_outcomes(
     }
 
 
-CELL_COLUMNS = {"shape": "cell_shape", "radius_um": "cell_radius_um", "axis": "release_axis"}
+CELL_COLUMNS = {
+    "shape": "cell_shape",
+    "radius_um": "cell_radius_um",
+    "aspect_ratio": "aspect_ratio",
+    "axis": "release_axis",
+}
 """Column of each setting of the cell that `outcomes` tells."""
-FLOW_COLUMNS = ("height_um", "mean_velocity_mm_s")
+FLOW_COLUMNS = ("height_um", "mean_velocity_mm_s", "drive")
 """Settings of the flow that are columns of `outcomes` by the same name."""
 
 

@@ -333,7 +333,8 @@ def narrowest(
 
     A bead its diameter; a cell of which the assay has seen the passage of a slit, at its k_s, the
     width of `squeezed_width_um`; else a disc, edge on, its thickness, and another shape the
-    narrowest tube that it fits through. ``assay``: as in the request, by default the calibration's.
+    narrowest tube that a sphere of its radius fits through (how flat an ellipsoid is no request
+    says). ``assay``: as in the request, by default the calibration's.
     """
     if cell.rigid:
         return 2 * cell.radius_um, "diameter of the bead"
@@ -345,11 +346,13 @@ def narrowest(
             width,
             f"width in the slit of {seen.assay}, whose index is {seen.deformation_index:.3g} there",
         )
-    shape = CellShape(shape=cell.shape, radius_um=cell.radius_um)
     if cell.shape == "biconcave":
-        thickness = rest_thickness(shape.shape, shape.aspect_ratio) * cell.radius_um
+        thickness = rest_thickness(cell.shape, 1.0) * cell.radius_um
         return thickness, "thickness of the disc at rest, edge on"
-    return smallest_passable_um(shape), "narrowest tube that it fits through at its volume"
+    ball = smallest_passable_um(CellShape(shape="sphere", radius_um=cell.radius_um))
+    if cell.shape == "ellipsoid":
+        return ball, "narrowest tube that a sphere of its largest radius fits through at its volume"
+    return ball, "narrowest tube that it fits through at its volume"
 
 
 # ------------------------------------------------------------------------------- what is told apart

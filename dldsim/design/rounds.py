@@ -157,8 +157,10 @@ def with_outcomes(outcomes: pd.DataFrame, rows: Mapping[str, Mapping]) -> pd.Dat
     done = [row for row in rows.values() if row["status"] != "failed"]
     if not done:
         return outcomes
-    numbers = {name: kind for name, kind in outcomes.dtypes.items() if kind.kind in "fi"}
-    added = pd.DataFrame(done)[list(outcomes.columns)].astype(numbers)
+    added = pd.DataFrame(done)[list(outcomes.columns)]
+    for name, kind in outcomes.dtypes.items():
+        if kind.kind in "fi":  # what a row does not know is null
+            added[name] = pd.to_numeric(added[name])
     return pd.concat([outcomes, added], ignore_index=True)
 
 
@@ -174,24 +176,32 @@ def simulate_pair(
     height_um: float,
     finer: bool = False,
     each: Each = map,
+    other_height: bool = False,
 ) -> list[dict]:
-    """Rows of `outcomes` of both cell types; one that cannot start has status "failed"."""
+    """Rows of `outcomes` of both cell types; one that cannot start has status "failed".
+
+    ``other_height``: not that of the design.
+    """
 
     def one(population: Population) -> dict:
         try:
             return simulate(geometry, population, height_um, finer)
         except DldsimError as error:
-            return _failed(geometry, population, height_um, str(error))
+            other = height_um if other_height else None
+            name = identifiers.checked_outcome_id(geometry, population.name, finer, other)
+            return _failed(name, geometry, population, height_um, str(error))
 
     return list(each(one, populations))
 
 
-def _failed(geometry: Geometry, population: Population, height_um: float, reason: str) -> dict:
+def _failed(
+    name: str, geometry: Geometry, population: Population, height_um: float, reason: str
+) -> dict:
     return {
         **{c.name: None for c in COLUMNS["outcomes"]},
         **geometry.model_dump(),
         **population.stiffness.model_dump(),
-        "outcome_id": identifiers.outcome_id(identifiers.Pair(geometry, population.name)),
+        "outcome_id": name,
         "stiffness_set": population.name,
         "pitch_um": geometry.pitch_um,
         "row_shift_fraction": geometry.row_shift_fraction,
@@ -262,7 +272,8 @@ def _height_runs(
         there = Task(
             task.surrogate, request, populations, task.chip.at(changed), task.seed, task.sources
         )
-        found = simulate_pair(simulate, geometry, populations, changed.height_um, each=each)
+        height = changed.height_um
+        found = simulate_pair(simulate, geometry, populations, height, False, each, True)
         outcomes += found
         records += [
             {

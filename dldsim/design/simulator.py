@@ -128,10 +128,8 @@ class Simulator:
     ) -> str:
         """Identifier of an outcome; another height than the scene's is part of it, in nm, and so is
         a finer lattice."""
-        name = population.name + "-finer" * finer
-        if height_um != self.scene.flow.height_um:
-            name += f"-h{1e3 * height_um:.0f}"
-        return identifiers.outcome_id(identifiers.Pair(geometry, name))
+        other = None if height_um == self.scene.flow.height_um else height_um
+        return identifiers.checked_outcome_id(geometry, population.name, finer, other)
 
     def passage(self, row: Mapping[str, Any]) -> Verified:
         """A finished outcome with trajectory and recorded shapes of its first release."""

@@ -249,7 +249,7 @@ class Task:
         """All combinations of so many P_r and P_g within the bounds with every N_p, (n,) each."""
         low, high = self.request.periodicity
         lengths = (
-            np.unique(np.linspace(*bounds, steps).round(DECIMALS))
+            np.unique(np.linspace(*bounds, steps).round(DECIMALS).clip(*bounds))
             for bounds in (self.request.pillar_radius_um, self.request.gap_um)
         )
         axes = (*lengths, np.arange(low, high + 1))
@@ -381,6 +381,17 @@ def check(task: Task) -> None:
             value=tuple(getattr(request, key) for key in keys),
             allowed="bounds that hold a feasible geometry",
             remedy=mend(broken, request)[1],
+        )
+    low = chip.flow.height_um - request.height_tolerance_um
+    width = max(population.width_um for population in task.populations)
+    if chip.flow.height_um > 0 and low < width:
+        raise DldsimError(
+            f"{name}: with height_tolerance_um = {request.height_tolerance_um:g} the channel may "
+            f"be {low:g} µm high, and the larger cell needs {width:.3g} µm.",
+            key="height_tolerance_um",
+            value=request.height_tolerance_um,
+            allowed=f"{max(chip.flow.height_um - width, 0):.3g} µm or less",
+            remedy="Lower it, or name a higher channel.",
         )
     check_tolerance(request.tolerance_um, request.pillar_radius_um[0], request.gap_um[0])
     if request.pressure_max_kPa is not None and chip.resistance is None:

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from dldsim.config.feasibility import check_images
 from dldsim.config.limits import check_time
 from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError
@@ -129,6 +130,7 @@ def _simulate(
             value=0,
             allowed="> 0",
         )
+    check_images(geometry, cell, numerics)
     if empty_flow is None:
         empty_flow = solve_empty_array(geometry, flow, numerics, progress)
     check_flow(empty_flow, geometry, flow, numerics)
@@ -310,7 +312,9 @@ def known_of(
         "height_um": flow.height_um,
         **stiffness.model_dump(),
         "mean_velocity_mm_s": flow.mean_velocity_mm_s,
+        "aspect_ratio": cell.aspect_ratio if cell.shape == "ellipsoid" else None,
         "release_axis": cell.axis,
+        "drive": flow.drive,
         "bump_angle_deg": math.degrees(math.atan(geometry.row_shift_fraction)),
         "confinement": 2 * cell.radius_um / geometry.gap_um,
         **columns_of(numerics),

@@ -89,6 +89,12 @@ ARRAY_AND_CELL = (
     real("kvisc_nN_s_per_m", "nN·s/m", "edge dashpot k_visc"),
     real("mean_velocity_mm_s", "mm/s", "mean velocity over the unit cell"),
 )
+DRIVE = text("drive", "no-lateral-flux, or axial: body force along x only")
+CELL_AND_DRIVE = (
+    *optional(real("aspect_ratio", "1", "of an ellipsoid: half axis along its symmetry axis / R")),
+    text("release_axis", "direction of the symmetry axis at release"),
+    DRIVE,
+)
 INTERVAL = (
     real("angle_low_deg", "°", "lower end of its 95 % interval"),
     real("angle_high_deg", "°", "upper end of its 95 % interval"),

@@ -5,9 +5,11 @@ import pyarrow as pa
 from dldsim.tables.column import (
     ARRAY_AND_CELL,
     CAPILLARY,
+    CELL_AND_DRIVE,
     CONFINEMENT,
     COST,
     DRIFT,
+    DRIVE,
     FLOAT,
     GEOMETRY,
     INTERVAL,
@@ -58,7 +60,7 @@ TABLES = {
         RUN_ID,
         OUTCOME_ID,
         *ARRAY_AND_CELL,
-        text("release_axis", "direction of the symmetry axis at release"),
+        *CELL_AND_DRIVE,
         real("release_gap_fraction", "1", "centre above the lower pillar at release / P_g"),
         text("status", "converged, periodic, stationary, undecided, stuck, unstable or failed"),
         STATUS[1],
@@ -126,7 +128,7 @@ TABLES = {
         "outcomes",
         OUTCOME_ID,
         *ARRAY_AND_CELL,
-        text("release_axis", "direction of the symmetry axis at release"),
+        *CELL_AND_DRIVE,
         CAPILLARY._replace(nullable=True),
         CONFINEMENT,
         *optional(
@@ -186,7 +188,7 @@ TABLES = {
         *GEOMETRY,
         real("pitch_um", "µm", "centre-to-centre distance λ = 2 P_r + P_g"),
         real("height_um", "µm", "channel height; 0: two-dimensional limit"),
-        text("drive", "no-lateral-flux, or axial: body force along x only"),
+        DRIVE,
         *STATUS,
         *optional(
             real("permeability_over_pitch2", "1", "permeability k_xx / pitch²"),

@@ -13,7 +13,7 @@ from dldsim.tables.numerics import columns_of
 
 CAPILLARY = {0.5: 0.147, 0.65: 0.075, 0.78: 0.0369}
 """Capillary number of each deformation index: the larger the index, the stiffer the set."""
-MADE_WITH = columns_of(Numerics()) | {"release_axis": "y"}
+MADE_WITH = columns_of(Numerics()) | {"release_axis": "y", "drive": "no-lateral-flux"}
 
 
 def cell(capillary_number=0.075, radius_um=7.5, height_um=20.0, shape="biconcave"):

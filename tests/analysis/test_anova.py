@@ -94,6 +94,16 @@ def test_seed_model_hands_main_effects_to_the_interactions():
     assert pick(table, "hierarchical", "deformation_index:periodicity")["p_value"] > 0.01
 
 
+def test_the_parts_of_a_model_and_its_residual_make_up_all_rows():
+    """Degrees of freedom of statsmodels' terms, intercept and residual; the seed's interactions
+    have all levels of what has no main effect."""
+    data = factorial(noisy(seed=2, r=0.5, n=-0.5))
+    table = anova(data)
+    for model in ("main_effects", "seed_interactions", "hierarchical"):
+        parts = table[table["model"] == model]["df"].dropna().sum()
+        assert parts == len(data) - 1, model
+
+
 def test_gap_tied_to_radius_is_named_and_tested_as_one():
     """The source paper's design: gap = radius + 10 µm."""
     frame = factorial(noisy(seed=4, r=0.3, n=-0.4), gaps=(16, 18, 20))

@@ -3,10 +3,15 @@
 import pytest
 
 from dldsim.analysis import learning
+from dldsim.config.sections import CellShape, Flow, Numerics
 from dldsim.errors import DldsimError
 from dldsim.tables.parquet import describe, write_table
 from tests.analysis.made_outcomes import make_outcomes, make_survey
 from tests.app.conftest import filled
+
+
+def hashed(**flow):
+    return learning.survey_hash(Numerics(), CellShape(), Flow(**flow))
 
 
 def test_both_stand_in_one_table():
@@ -23,6 +28,7 @@ def test_both_stand_in_one_table():
         ({"wanted_spacing_um": 2.0}, r"wanted_spacing_um 2\.0 \(survey: 1\.25\)"),
         ({"kernel": "linear"}, r"kernel linear \(survey: compact\)"),
         ({"release_axis": "z"}, r"release_axis z \(survey: y\)"),
+        ({"drive": "axial"}, r"drive axial \(survey: no-lateral-flux\)"),
     ],
 )
 def test_other_numerics_are_named_with_the_remedy(change, words):
@@ -47,15 +53,17 @@ def test_the_survey_is_read_where_it_is_asked_for(tmp_path, monkeypatch):
     path = tmp_path / "outcomes.parquet"
     monkeypatch.setattr(learning, "SURVEY", path)
     asked = {"surrogate": {"survey": True}}
-    for act in (lambda: learning.survey_of(asked), learning.survey_hash):
+    for act in (lambda: learning.survey_of(asked), hashed):
         with pytest.raises(DldsimError, match="No survey comes .* surrogate.survey: false"):
             act()
     assert learning.survey_of({"surrogate": {"survey": False}}) is None
     write_table("outcomes", filled("outcomes", make_survey(8, 8)), path, {})
     assert len(learning.survey_of(asked)) == 16
-    before = learning.survey_hash()
+    before = hashed()
     write_table("outcomes", filled("outcomes", make_survey(8, 9)), path, {})
-    assert len(before) == 16 and learning.survey_hash() != before
+    assert len(before) == 16 and hashed() != before
+    with pytest.raises(DldsimError, match=r"drive axial \(survey: no-lateral-flux\)"):
+        hashed(drive="axial")
     monkeypatch.setattr("dldsim.tables.parquet.PHYSICS_VERSION", -1)
     with pytest.raises(DldsimError, match="cannot be learnt from: .*surrogate.survey: false"):
         learning.survey_of(asked)

@@ -62,6 +62,12 @@ def test_tied_parameters_are_one_factor():
     assert max(asked) < 1e-9
 
 
+def test_one_factor_alone_has_no_map():
+    outcomes = make_outcomes(radii=(5.0,), rows=(6,), indices=(0.5,))
+    maps = sensitivity.partial_dependence(Law(lambda r, g, n, d: 0.01 * g), outcomes)
+    assert maps.empty and set(maps) == {c.name for c in COLUMNS["partial_dependence"]}
+
+
 def test_partial_dependence_averages_over_the_runs():
     law = Law(lambda r, g, n, d: g / 100 + (r == 5) * 0.06 + d)
     maps = sensitivity.partial_dependence(law, make_outcomes())

@@ -49,3 +49,10 @@ def test_without_a_spring_or_a_set_there_are_no_moduli(ks, sets):
     with pytest.raises(DldsimError, match="no moduli") as caught:
         stiffness_at(ks, sets, "ks_1_uN_per_m")
     assert caught.value.key == "ks_1_uN_per_m"
+
+
+def test_sets_of_one_spring_constant_do_not_tell_the_other_moduli():
+    other = SETS["soft"].model_copy(update={"kb_pN_um": 9.0})
+    with pytest.raises(DldsimError, match="soft and bent have the same k_s of 5 µN/m"):
+        stiffness_at(5.0, SETS | {"bent": other}, "x")
+    assert stiffness_at(5.0, SETS | {"twin": SETS["soft"]}, "x") == SETS["soft"]

@@ -46,6 +46,7 @@ def outcome(angle=BUMP, distance=0.3, **changes):
         "cell_radius_um": 7.5,
         "height_um": 20.0,
         "mean_velocity_mm_s": 0.5,
+        "drive": "no-lateral-flux",
         **columns_of(NUMERICS),
         "spacing_um": 1.2,
         "status": "decided",

@@ -47,6 +47,7 @@ def campaign(tmp_path_factory):
         capillary_number=1.5 * 0.5 / ks,
         **columns_of(Numerics()),
         release_axis="y",
+        drive="no-lateral-flux",
     )
     control = RunControl(max_rows=7).model_dump()
     write_table(

@@ -46,6 +46,12 @@ RAW = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
         ),
         ({"default_assay": "gouge"}, ["one of the assays gauge"]),
         ({"assays": {"gauge": {"kind": "shaer"}}}, ["assays.gauge.kind", "Did you mean shear?"]),
+        (
+            {"assays": {"gauge": {"cells": [{"shape": "sphere", "radius_um": 6}]}}},
+            ["assays.gauge.cells", "biconcave of 7.5 µm"],
+        ),
+        ({"reference": {"releases": [0.2, 0.2]}}, ["reference.releases", "each place once"]),
+        ({"reference": {"releases": [0.21234]}}, ["reference.releases.0", "three decimals"]),
         ({"assays": {"mine": {"stress_Pa": 1}}}, ["assays.mine.kind", "missing", "constriction"]),
         ({"assays": {"gauge": {"stress_Pa": -1}}}, ["assays.gauge.stress_Pa", "≥ 0.0001"]),
         ({"assays": {"gauge": {"stress": 1}}}, ["assays.gauge.stress", "Did you mean stress_Pa?"]),

@@ -64,6 +64,10 @@ SLIT = {"kind": "constriction", "velocity_mm_s": 1.0}
     ("overrides", "key"),
     [
         ({"numerics": {"rows": 100}}, "numerics.rows"),
+        ({"flow": {"height_um": 0}}, "flow.height_um"),
+        ({"run_control": {"max_rows": 9}}, "run_control.max_rows"),
+        ({"run_control": {"outcome_rows_max": 9}}, "run_control.outcome_rows_max"),
+        ({"sweep": {"periodicity": [41]}}, "run_control.max_rows"),
         ({"numerics": {"spacing_um": 100}}, "gap_um"),
         ({"numerics": {"spacing_um": 0.05}}, "numerics.spacing_um"),
         ({"constriction": {"throat_width_um": 40}}, "constriction.throat_width_um"),

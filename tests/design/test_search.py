@@ -170,6 +170,7 @@ def test_the_velocities_that_a_refusal_names_are_answered(ca_1):
     [
         ({"pillar_aspect_ratio_max": 0.1}, "pillar_aspect_ratio_max", "Raise pillar_aspect"),
         ({"gap_um": (4, 5)}, "gap_um", "Raise the upper bound of gap_um"),
+        ({"height_tolerance_um": 19.9}, "height_tolerance_um", "Lower it, or name a higher"),
         (OUTLETS | {"footprint_max_mm2": 0.01}, "footprint_max_mm2", "Raise footprint_max_mm2"),
         (OUTLETS | {"footprint_max_mm2": 0.16}, "footprint_max_mm2", "Raise footprint_max_mm2"),
     ],

@@ -8,7 +8,8 @@ import pandas as pd
 import pytest
 
 from dldsim.config.design_sections import Verification as Budget
-from dldsim.design.rounds import verify
+from dldsim.config.identifiers import checked_outcome_id
+from dldsim.design.rounds import verify, with_outcomes
 from dldsim.design.verified import plain
 from dldsim.errors import DldsimError
 from dldsim.experiments.migration import mode_of
@@ -239,6 +240,32 @@ def test_a_run_that_cannot_start_is_told_and_not_learnt_from():
     verdicts = check(Known(summit), refuse, rounds=1, designs_per_round=1)
     assert verdicts.designs["verdict"].iloc[0] == "no separation measured: the cell does not fit"
     assert len(verdicts.outcomes) == len(OUTCOMES)
+
+
+def test_a_height_that_cannot_start_leaves_the_design_as_it_is():
+    nature = Nature(summit)
+
+    def refuse(geometry, population, height_um, finer=False):
+        if height_um < 20:
+            raise DldsimError("the cell does not fit")
+        found = nature(geometry, population, height_um, finer)
+        other = None if height_um == 20 else height_um
+        return found | {"outcome_id": checked_outcome_id(geometry, population.name, finer, other)}
+
+    verdicts = check(Known(summit), refuse, rounds=1, designs_per_round=1, height_runs=True)
+    best = verdicts.designs.iloc[0]
+    assert best["separation_deg"] > 0 and pd.isna(best["separation_low_height_deg"])
+    status = {name: row["status"] for name, row in verdicts.rows.items()}
+    assert sorted(status.values()) == ["decided"] * 4 + ["failed"] * 2
+    assert all(("-h19000" in name) == (s == "failed") for name, s in status.items())
+
+
+def test_what_an_outcome_does_not_know_is_null_in_the_table():
+    """The settled row of a campaign whose outcomes all settled is a whole number."""
+    known = OUTCOMES.assign(settled_row=[3, 4])
+    row = {name: known[name].iloc[0].item() for name in known if name != "outcome_id"}
+    rows = {"a": row | {"outcome_id": "a", "settled_row": None, "status": "undecided"}}
+    assert with_outcomes(known, rows)["settled_row"].isna().tolist() == [False, False, True]
 
 
 def test_nothing_is_compared_outside_the_training_geometries():

@@ -50,6 +50,7 @@ def make_run(radius, gap, periodicity, name, rng, status=None, place=0.5) -> tup
         "run_id": run_id,
         "outcome_id": outcome_id,
         "release_axis": "y",
+        "drive": "no-lateral-flux",
         "release_gap_fraction": place,
         "pillar_radius_um": radius,
         "gap_um": gap,

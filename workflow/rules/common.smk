@@ -134,10 +134,11 @@ def seeded(*sections):
 
 
 def learning_settings(wildcards):
-    """What the surrogate learns from, by content what comes with the package; its absence is told
-    before anything is run."""
+    """What the surrogate learns from, by content what comes with the package; that it is not there,
+    or of other numerics, is told before anything is run."""
+    learns, made = CONFIG.surrogate.survey, (CONFIG.numerics, CONFIG.cell, CONFIG.flow)
     try:
-        survey = survey_hash() if CONFIG.surrogate.survey else None
+        survey = survey_hash(*made) if learns else None
     except DldsimError as error:
         raise WorkflowError(str(error)) from None
     return {**seeded("surrogate"), "survey": survey}

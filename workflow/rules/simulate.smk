@@ -108,7 +108,10 @@ rule outcomes:
         table=f"{RESULTS}/outcomes.parquet",
         csv=f"{RESULTS}/outcomes.csv",
     params:
-        settings={**gathered(OUTCOMES), "sigma_num_model": uncertainty.model_hash()},
+        settings={
+            **gathered(OUTCOMES, "run_control"),
+            "sigma_num_model": uncertainty.model_hash(),
+        },
     log:
         f"{RESULTS}/logs/outcomes.log",
     benchmark:
