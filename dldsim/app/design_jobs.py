@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from dldsim.analysis import surrogate
+from dldsim.analysis.calibration import with_library
 from dldsim.analysis.learning import survey_of
 from dldsim.app.asked import ask
 from dldsim.app.design_answers import SEARCH, resolve, verify_request
@@ -14,7 +15,7 @@ from dldsim.config.design_sections import DesignRequest
 from dldsim.config.provenance import derive_seed, provenance
 from dldsim.config.sections import Stiffness
 from dldsim.design.chip import Chip
-from dldsim.design.finished_campaign import make_chip
+from dldsim.design.finished_campaign import LIBRARY, make_chip
 from dldsim.design.outlet_task import OutletTask, outlet_seed
 from dldsim.design.populations import Population, flow_of
 from dldsim.design.search import Found, regret, search
@@ -43,14 +44,25 @@ class Inputs(NamedTuple):
         return self.chip.at(flow_of(request, self.chip.flow))
 
 
-def _inputs(settings: Mapping, model: Path, card: Path, calibration: Path, flows: Path) -> Inputs:
+def _inputs(
+    settings: Mapping,
+    model: Path,
+    card: Path,
+    calibration: Path,
+    flows: Path,
+    library: Path | None = None,
+) -> Inputs:
+    """``library``: calibrations for other cells, where there are some."""
     chip = make_chip(settings, read_table("flows", flows))
+    curves = [read_table("calibration", calibration)]
+    if library:
+        curves.append(read_table(LIBRARY, library))
     return Inputs(
         [DesignRequest(**r) for r in settings["design_requests"]],
         chip,
         {name: Stiffness(**values) for name, values in settings["stiffness_sets"].items()},
         surrogate.load(model, card),
-        read_table("calibration", calibration),
+        with_library(curves),
     )
 
 

@@ -6,7 +6,7 @@ from dldsim.app import design_answers, design_jobs
 from dldsim.config.design_sections import Device, Verification
 from dldsim.design import finished_campaign
 from dldsim.errors import DldsimError
-from dldsim.tables.parquet import read_rows, read_table
+from dldsim.tables.parquet import read_rows, read_table, write_table
 from tests.design.known_surrogate import Known, ask, hill, run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("nowhere")]
@@ -71,6 +71,29 @@ def test_a_failed_request_takes_no_other_with_it(campaign, tmp_path, bad, reason
     )
     found = read_rows("search_regret", tmp_path / "regret.parquet")
     assert {row["request"] for row in found} == {"good"}
+
+
+def test_indices_of_other_cells_are_read_where_the_library_has_them(campaign, tmp_path):
+    """By k_s of the same cells; the surrogate has learnt discs of one height over radius alone."""
+    own = read_rows("calibration", campaign / "calibration.parquet")
+    radius = own[0]["cell_radius_um"] * 1.01
+    library = tmp_path / "calibration_library.parquet"
+    rows = [row | {"cell_radius_um": radius} for row in own]
+    write_table("calibration_library", rows, library, {})
+    index = sorted(row["deformation_index"] for row in own if row["default"])[0]
+    request = {
+        **{k: v for k, v in GOOD.items() if k != "stiffness_set_1"},
+        "deformation_index_1": index,
+        "radius_1_um": radius,
+    }
+    settings = job_settings(campaign, request)
+    for further, known in (({}, False), ({"library": library}, True)):
+        inputs = design_jobs._inputs(settings, **inputs_of(campaign), **further)
+        if known:
+            assert inputs.populations(inputs.requests[0])[0].radius_um == radius
+        else:
+            with pytest.raises(DldsimError, match="is calibrated for"):
+                inputs.populations(inputs.requests[0])
 
 
 def test_a_campaign_of_failed_requests_only_has_empty_tables(campaign, tmp_path):

@@ -26,6 +26,7 @@ DESIGN_INPUTS = {
     "card": rules.surrogate.output.card,
     "calibration": rules.calibration.output.calibration,
     "flows": rules.flows.output.table,
+    "library": made(rules.calibration_library.output.table),
 }
 
 

@@ -18,5 +18,5 @@ with job_log(snakemake.log[0]) as progress:
             "design_requests": Path(snakemake.output.requests),
         },
         progress=progress,
-        **{name: Path(path) for name, path in snakemake.input.items()},
+        **{name: Path(path) for name, path in snakemake.input.items() if path},
     )

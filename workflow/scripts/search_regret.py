@@ -10,5 +10,5 @@ with job_log(snakemake.log[0]) as progress:
         snakemake.params.settings,
         table=Path(snakemake.output.table),
         progress=progress,
-        **{name: Path(path) for name, path in snakemake.input.items()},
+        **{name: Path(path) for name, path in snakemake.input.items() if path},
     )

@@ -13,5 +13,5 @@ with job_log(snakemake.log[0]) as progress:
         threads=snakemake.threads,
         progress=progress,
         **{name: Path(path) for name, path in snakemake.output.items()},
-        **{name: Path(path) for name, path in snakemake.input.items()},
+        **{name: Path(path) for name, path in snakemake.input.items() if path},
     )
