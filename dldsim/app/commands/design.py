@@ -258,7 +258,7 @@ def add_design(commands) -> None:
         "design",
         design,
         "geometries that separate two cell types best",
-        "design --shape1 sphere --ks1 10 --r1 5 --shape2 sphere --ks2 10 --r2 7.5 --velocity 1",
+        "design --shape1 sphere --ks1 10 --r1 6 --shape2 sphere --ks2 10 --r2 8 --height 19",
     )
     add_populations(parser)
     for key, kind in (("pillar_radius_um", number), ("gap_um", number), ("periodicity", whole)):
