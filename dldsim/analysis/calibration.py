@@ -5,16 +5,18 @@ A calibration is a curve of one assay for one cell, index against stiffness, wit
 """
 
 import math
+import typing
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from dldsim.config.assay_sections import CIRCULARITY
+from dldsim.config.assay_sections import CIRCULARITY, Shape
+from dldsim.config.design_sections import SPRING_LEAST
 from dldsim.config.explain import did_you_mean
 from dldsim.errors import DldsimError
-from dldsim.tables.user_values import PLAUSIBLE, as_keys, as_numbers, check_plausible
+from dldsim.tables.user_values import PLAUSIBLE, as_flags, as_keys, as_numbers, check_plausible
 
 MODULI = ["ks_uN_per_m", "kal_uN_per_m", "kb_pN_um"]
 POINT = ["assay", "cell_shape", "cell_radius_um", "group"]
@@ -188,7 +190,8 @@ def curve_of(
     """
     check_assay(calibration, assay)
     rows = calibration[calibration["assay"] == assay].dropna(subset=[DEFORMATION])
-    if "cell_shape" in rows and len(rows) and (rows["cell_shape"] != "").all():
+    shaped = "cell_shape" in rows and len(rows) and (rows["cell_shape"].fillna("") != "").all()
+    if shaped:
         rows = _of_cell(rows, assay, shape, radius_um)
     return rows.sort_values("ks_uN_per_m", kind="stable").reset_index(drop=True)
 
@@ -258,15 +261,22 @@ def _of_cell(
 
 
 def remedy_for_cell(assay: str, shape: str, *radii_um: float) -> str:
-    """The command that calibrates an assay for other cells."""
+    """The command that calibrates an assay for other cells; empty for shapes that none measures."""
+    if shape not in typing.get_args(Shape):
+        return "Name the cell by its spring constant instead; no assay measures this shape."
     radii = " ".join(f"{radius:g}" for radius in radii_um)
     name = assay.removesuffix(CIRCULARITY)
     return f"Measure it: python -m dldsim calibrate --assay {name} --shape {shape} --radius {radii}"
 
 
 def _as_calibration(table: pd.DataFrame) -> pd.DataFrame:
-    """A table of anybody with its numbers as numbers. Raises DldsimError for what is none."""
+    """A table of anybody with its numbers as numbers, its words true and false as such.
+
+    Raises DldsimError for what is none, for values that no cell has, and for two rows of a point.
+    """
     check_columns(table, ["assay", "group", *MODULI, DEFORMATION, "deformation_index_std"])
+    if not len(table):
+        raise DldsimError("Calibration: the table has no rows.")
     names = [*MODULI, DEFORMATION, "deformation_index_std"]
     names += [n for n in ("velocity_mm_s", "shear_stress_Pa", "cell_radius_um") if n in table]
     numbers = {name: as_numbers(table[name], "Calibration") for name in names}
@@ -279,7 +289,52 @@ def _as_calibration(table: pd.DataFrame) -> pd.DataFrame:
             allowed="-1 to 1",
             remedy="Give shares, not per cent.",
         )
-    return table.assign(**numbers)
+    spread = numbers["deformation_index_std"]
+    if (wrong := (spread < 0) | (spread >= 1)).any():
+        raise DldsimError(
+            f"Calibration: a scatter of the index of {spread[wrong].iloc[0]:g}.",
+            key="deformation_index_std",
+            value=float(spread[wrong].iloc[0]),
+            allowed="0 or more, less than 1; empty where it was not measured",
+            remedy="Give shares, not per cent.",
+        )
+    measured = numbers[DEFORMATION].notna()
+    for name in MODULI:
+        least = SPRING_LEAST if name == "ks_uN_per_m" else 0.0
+        bad = measured & ~(numbers[name] >= least)
+        if bad.any():
+            value = numbers[name][bad].iloc[0]
+            raise DldsimError(
+                f"Calibration: {name} is {'empty' if np.isnan(value) else f'{value:g}'} beside an "
+                "index.",
+                key=name,
+                value=None if np.isnan(value) else float(value),
+                allowed=f"{least:g} or more",
+                remedy="Give moduli in the units of their columns, and leave out the index of "
+                "what was not measured.",
+            )
+    table = table.assign(**numbers)
+    if "default" in table:
+        table["default"] = [bool(flag) for flag in as_flags(table["default"], "Calibration")]
+    if "cell_shape" in table:
+        table["cell_shape"] = table["cell_shape"].astype(object).fillna("")
+        check_columns(table, ["cell_radius_um"])
+        if (measured & (table["cell_shape"] != "") & table["cell_radius_um"].isna()).any():
+            raise DldsimError(
+                "Calibration: cell_radius_um is empty beside a cell_shape.",
+                key="cell_radius_um",
+                allowed="a radius in each row with a cell_shape",
+            )
+    point = [name for name in POINT if name in table]
+    if (twice := measured & table.duplicated(point, keep=False)).any():
+        told = ", ".join(f"{name} {table.loc[twice, name].iloc[0]}" for name in point)
+        raise DldsimError(
+            f"Calibration: two rows with an index for {told}.",
+            key="group",
+            allowed="one row for each membrane of a cell in an assay",
+            remedy="Leave one.",
+        )
+    return table
 
 
 def _check_measurement(index: float, error: float, key: str) -> None:

@@ -1,8 +1,7 @@
 """The survey that comes with the package, to be learnt from beside a campaign.
 
 Its outcomes fill the space of arrays, capillary numbers, channel heights and shapes. They serve a
-campaign that was simulated by the same physics and numerics but for the periodic domain, and no
-other.
+campaign that was simulated by the same physics and numerics, and no other.
 """
 
 import hashlib
@@ -64,9 +63,7 @@ def survey_hash(numerics: Numerics, cell: CellShape, flow: Flow) -> str:
     return hashlib.sha256(SURVEY.read_bytes()).hexdigest()[:16]
 
 
-DOMAIN = {COLUMN_OF[name] for name in ("rows", "lanes", "images")}
-"""What may differ: of discs it changes less than the surrogate does not know, of spheres more."""
-MADE_WITH = [*(c for c in COLUMN_OF.values() if c not in DOMAIN), "release_axis", "drive"]
+MADE_WITH = [*COLUMN_OF.values(), "release_axis", "drive"]
 """Columns of `outcomes` in which campaign and survey must agree."""
 
 

@@ -67,7 +67,7 @@ def read_design(path: Path) -> Design:
     path = Path(path)
     remedy = "Name the .json file of a design, such as files/request-candidate-1.json."
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = json.loads(path.read_text(encoding="utf-8-sig"))
         asked, mask = record["provenance"]["settings"]["device"], record["device"]
         values = {key: mask[key] for key in GEOMETRY}
         drawn = {
@@ -82,9 +82,11 @@ def read_design(path: Path) -> Design:
         raise DldsimError(
             f"{path} cannot be read: {error.strerror}.", key=str(path), remedy=remedy
         ) from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise DldsimError(
-            f"{path} is no file of a design ({error!r}).", key=str(path), remedy=remedy
+            f"{path} is no file of a design ({type(error).__name__}: {str(error):.200}).",
+            key=str(path),
+            remedy=remedy,
         ) from error
     return Design(
         name, validate(Geometry, values), validate(Device, device), request, validate(Device, asked)

@@ -184,6 +184,15 @@ def check_channel(channel: Constriction, numerics: Numerics, limits: Limits | No
 def check_release(position_um: float, channel: Constriction, cell: CellShape) -> None:
     """Refuse a position of release at which the cell is not in the straight approach."""
     most = channel.approach_length_um - 2 * cell.radius_um
+    if most < 0:
+        raise DldsimError(
+            f"constriction.approach_length_um = {channel.approach_length_um:g} is shorter than the "
+            f"cell, {2 * cell.radius_um:g} µm.",
+            key="constriction.approach_length_um",
+            value=channel.approach_length_um,
+            allowed=f"{2 * cell.radius_um:g} or more",
+            remedy="Lengthen it, or take a smaller cell.",
+        )
     if not 0 <= position_um <= most:
         raise DldsimError(
             f"constriction.release_positions_um: {position_um:g} µm does not fit the approach of "
@@ -230,6 +239,28 @@ def check_fits(assay: ChannelAssay, cell: CellShape, offset_um: float) -> None:
             )
 
 
+def check_passages(passages: Iterable[assays.Passage]) -> None:
+    """Refuse two passages that are alike: they would count twice in the scatter."""
+    seen = set()
+    for passage in passages:
+        alike = passage._replace(varied=assays.NOTHING)
+        if alike in seen:
+            key, value = {
+                assays.RELEASE: ("constriction.release_positions_um", passage.release_position_um),
+                assays.OFFSET: ("offsets_um", passage.offset_um),
+                assays.SIZE: ("radius_factors", passage.radius_factor),
+                assays.ORIENTATION: ("other_axes", passage.axis),
+            }[passage.varied]
+            raise DldsimError(
+                f"{key}: a passage with {value} is there before.",
+                key=key,
+                value=value,
+                allowed="each value once, and none of the first passage",
+                remedy="Leave it out.",
+            )
+        seen.add(alike)
+
+
 def check_tension(key: str, velocity_mm_s: float, viscosity_mPa_s: float, membrane) -> None:
     """Refuse a flow that would tear the membrane, a stiffness, whatever the time step."""
     area_modulus = laws.area_modulus(
@@ -253,6 +284,7 @@ def check_point(point: Point, config: Partial) -> None:
     [membrane] = [m for m in assays.membranes_of(assay, config) if m.name == point.membrane]
     cell = config.cell.model_copy(update={"shape": point.shape, "radius_um": point.radius_um})
     viscosity = assay.viscosity_mPa_s or config.flow.viscosity_mPa_s
+    check_passages(assays.passages_of(assay, cell.shape))
     for passage in assays.passages_of(assay, cell.shape):
         own = cell.model_copy(
             update={"radius_um": cell.radius_um * passage.radius_factor, "axis": passage.axis}

@@ -28,7 +28,14 @@ def read_made(directory: Path) -> dict[str, dict[str, Any]]:
     KEPT, else of the passages in the campaign's folder; empty where there is neither."""
     directory = Path(directory)
     if (kept := directory / KEPT).exists():
-        return json.loads(kept.read_text(encoding="utf-8"))
+        try:
+            return json.loads(kept.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise DldsimError(
+                f"{kept} is damaged: {str(error):.200}.",
+                key=str(kept),
+                remedy="Copy it anew from the campaign or the package, or delete it.",
+            ) from error
     found: dict[str, dict[str, Any]] = {}
     for path in sorted((directory / "assays").glob("*.runs.parquet")):
         name = parse_point(path.name.removesuffix(".runs.parquet")).assay

@@ -63,7 +63,7 @@ def read_measured(source: Path | bytes, where: str | None = None) -> Measured:
     known = ~pd.DataFrame(columns).isna().any(axis=1)
     if left_out := int((~known).sum()):
         notes = [*notes, f"{left_out} rows without {' or '.join(columns)} left out"]
-    values = {name: column[known].reset_index(drop=True) for name, column in columns.items()}
+    values = {name: column[known] for name, column in columns.items()}
     notes = [*notes, *_not_used(frame)]
     _check_swapped(values, where)
     for column in values.values():
@@ -104,6 +104,8 @@ def _check_diameter(frame: pd.DataFrame, where: str) -> None:
         )
 
 
+MOST_NAMED = 20
+"""Columns that are not used, and are named."""
 ALIASES = {
     RADIUS: ("radius", "r", "cell_radius_um", "cell_radius", "size_um"),
     INDEX: ("di", "deformability", "deformation", "def_index", "index"),
@@ -118,7 +120,7 @@ def _not_used(frame: pd.DataFrame) -> list[str]:
     if not unused:
         return []
     hints = []
-    for name in unused:
+    for name in unused[:MOST_NAMED]:
         plain = re.sub(r"[\s.-]+", "_", name.lower()).partition("_[")[0].partition("_(")[0]
         meant = next((known for known, others in ALIASES.items() if plain in others), None)
         close = difflib.get_close_matches(plain, [k.lower() for k in ALIASES], n=1, cutoff=0.75)
@@ -127,7 +129,8 @@ def _not_used(frame: pd.DataFrame) -> list[str]:
         if meant is not None and not told:
             hints.append(f"; is {meant} meant by {name}? Rename it, and mind the unit")
     columns = "column" if len(unused) == 1 else "columns"
-    return [f"{UNUSED}{columns} {', '.join(unused)}{''.join(hints)}"]
+    named = ", ".join(unused[:MOST_NAMED]) + ", …" * (len(unused) > MOST_NAMED)
+    return [f"{UNUSED}{columns} {named}{''.join(hints)}"]
 
 
 def _check_swapped(values: Mapping[str, pd.Series], where: str) -> None:

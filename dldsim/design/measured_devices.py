@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from dldsim.config.feasibility import smallest_passable_um
+from dldsim.config.sections import CellShape
 from dldsim.design.deformability import ks_of_index
 from dldsim.design.finished_campaign import settings_of_outcomes
 from dldsim.errors import DldsimError
@@ -50,7 +52,9 @@ def with_measurements(
                 allowed=allowed,
                 remedy="Look at the sign, the unit and the row shift.",
             )
+        _check_passes(given, i, at)
         ks = _measured_ks(given, calibration, i, at)
+        _check_capillary(viscosity * given["mean_velocity_mm_s"] / ks, outcomes, given, i, at)
         rows.append(
             {
                 **{key: given[key] for key in MEASURED_KEYS},
@@ -79,6 +83,46 @@ def with_measurements(
         ],
         ignore_index=True,
     )
+
+
+CAPILLARY_BEYOND = 10.0
+"""So many times beyond those simulated may the Ca of a measured cell lie."""
+
+
+def _check_passes(given: Mapping, number: int, at: str) -> None:
+    """Refuse an array or a channel that the cell cannot pass. Raises DldsimError."""
+    cell = CellShape(
+        shape=given.get("cell_shape") or "biconcave", radius_um=given["cell_radius_um"]
+    )
+    least = smallest_passable_um(cell)
+    for key in ("gap_um", "height_um"):
+        if given[key] < least and not (key == "height_um" and given[key] == 0):
+            raise DldsimError(
+                f"Measurement {number}: {key} = {given[key]:g}, and a squeezed {cell.shape} cell "
+                f"of radius {cell.radius_um:g} µm is about {least:.3g} µm across.",
+                key=at + key,
+                value=given[key],
+                allowed=f"{least:.3g} or more",
+                remedy="Look at the units: lengths are in µm.",
+            )
+
+
+def _check_capillary(
+    capillary: float, outcomes: pd.DataFrame, given: Mapping, number: int, at: str
+) -> None:
+    """Refuse a Ca far beyond those simulated, as of a wrong unit. Raises DldsimError."""
+    known = outcomes["capillary_number"].dropna()
+    low, high = known.min() / CAPILLARY_BEYOND, known.max() * CAPILLARY_BEYOND
+    if not low <= capillary <= high:
+        each = capillary / given["mean_velocity_mm_s"]
+        raise DldsimError(
+            f"Measurement {number}: Ca = μU/k_s = {capillary:.3g}; simulated were "
+            f"{known.min():.3g} to {known.max():.3g}.",
+            key=at + "mean_velocity_mm_s",
+            value=given["mean_velocity_mm_s"],
+            allowed=f"{low / each:.3g} to {high / each:.3g} mm/s at this stiffness",
+            remedy="Look at the units: mm/s and µN/m.",
+        )
 
 
 MEASURED_KEYS = (

@@ -367,7 +367,30 @@ def told_apart(populations: Sequence[Population]) -> bool | None:
 
 
 def doubt(populations: Sequence[Population]) -> str:
-    """What an answer must say first of its cell types, a sentence; empty where there is nothing."""
+    """What an answer must say first of its cell types, in words; empty where there is nothing."""
+    return " ".join(filter(None, [_not_told_apart(populations), _inertia(populations)]))
+
+
+INERTIA_FROM = 0.5
+"""Particle Reynolds number from which on an answer says that inertia is left out."""
+WATER_KG_PER_L = 1.0
+
+
+def _inertia(populations: Sequence[Population]) -> str:
+    """That the fluid of the simulations has no inertia, where that of the device has."""
+    largest = max(
+        1e-3 * WATER_KG_PER_L * p.flow.mean_velocity_mm_s * 2 * p.radius_um / p.flow.viscosity_mPa_s
+        for p in populations
+    )
+    if largest < INERTIA_FROM:
+        return ""
+    return (
+        f"The particle Reynolds number U·2R/ν is {largest:.2g} (in water): inertia, which nothing "
+        "here simulates, counts from about 1."
+    )
+
+
+def _not_told_apart(populations: Sequence[Population]) -> str:
     if told_apart(populations) is not False:
         return ""
     assays = " and ".join(dict.fromkeys(p.assay for p in populations if p.assay))

@@ -308,7 +308,9 @@ def check_cell(name: str, population: Population, surrogate: Surrogate) -> None:
             key=population.shape_key,
             value=shape,
             allowed=known,
-            remedy="Choose one of these, or learn from the survey (surrogate.survey: true).",
+            remedy="Choose one of these."
+            if surrogate.card["data"]["survey"] is not None
+            else "Choose one of these, or learn from the survey (surrogate.survey: true).",
         )
     low, high = surrogate.domains[shape].capillary_number
     capillary, slack = population.capillary_number, (high / low) ** DOMAIN_TOLERANCE * (1 + 1e-6)

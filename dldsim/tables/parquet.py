@@ -207,7 +207,17 @@ def _provenance(path: Path, kind: str | None = None) -> dict:
             key=str(path),
             remedy="Move it out of the results folder, or check the path.",
         )
-    return json.loads(metadata[METADATA_KEY])
+    try:
+        found = json.loads(metadata[METADATA_KEY])
+    except ValueError:
+        found = None
+    if not isinstance(found, dict) or not {"kind", "physics_version"} <= found.keys():
+        raise DldsimError(
+            f"{path}: its dldsim metadata are damaged.",
+            key=str(path),
+            remedy=f"Make it anew with `snakemake -j2 {rule_of(kind)}`.",
+        )
+    return found
 
 
 def _as_columns(kind: str, data: Any, names: Sequence[str]) -> dict[str, Any]:

@@ -100,6 +100,8 @@ def _parquet(content: bytes, where: str) -> UserTable:
     try:
         file = pq.ParquetFile(io.BytesIO(content))
         about = json.loads((file.schema_arrow.metadata or {}).get(METADATA_KEY, b"{}"))
+        if not isinstance(about, dict):
+            raise ValueError("its dldsim metadata are damaged")
         table = file.read()
         columns: dict[int, pd.Series] = {}
         notes: list[str] = []

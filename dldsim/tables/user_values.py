@@ -146,7 +146,7 @@ def check_plausible(values: pd.Series, where: str) -> None:
     if not bad.any():
         return
     first = known[bad].index[0]
-    row, value = values.index.get_loc(first) + 1, known[first]
+    row, value = first + 1, known[first]
     hint = "Correct the table, or leave out what was not measured."
     if name.endswith("_um"):
         middle = float(known.median())
@@ -200,13 +200,7 @@ def _as_type(values: pd.Series, column: Column, where: str) -> Any:
         return numbers.astype("Int64")
     items = [None if is_null(v) else v for v in values]
     if pa.types.is_boolean(column.type):
-        flags = [_FLAGS.get(str(v).lower()) for v in items]
-        bad = [v for v, flag in zip(items, flags, strict=True) if v is not None and flag is None]
-        if bad:
-            raise DldsimError(
-                f"{where}, column {values.name}: {str(bad[0])[:60]!r} is neither true nor false."
-            )
-        return flags
+        return as_flags(values, where)
     if pa.types.is_list(column.type):
         try:
             return [json.loads(v) if isinstance(v, str) else v for v in items]
@@ -221,6 +215,21 @@ def _as_type(values: pd.Series, column: Column, where: str) -> Any:
         bad = next(v for v in items if not isinstance(v, str) and v is not None)
         raise DldsimError(f"{where}, column {values.name}: {str(bad)[:60]!r} is no text.")
     return items if column.nullable else ["" if v is None else v for v in items]
+
+
+def as_flags(values: pd.Series, where: str) -> list[bool | None]:
+    """True and false of what may be words or numbers, None for null. Raises DldsimError."""
+    items = [None if is_null(v) else v for v in values]
+    flags = [_FLAGS.get(str(v).lower()) for v in items]
+    bad = [v for v, flag in zip(items, flags, strict=True) if v is not None and flag is None]
+    if bad:
+        raise DldsimError(
+            f"{where}, column {values.name}: {str(bad[0])[:60]!r} is neither true nor false.",
+            key=str(values.name),
+            value=str(bad[0])[:60],
+            allowed="true or false",
+        )
+    return flags
 
 
 _FLAGS = {"true": True, "false": False, "1": True, "0": False, "1.0": True, "0.0": False}

@@ -56,12 +56,32 @@ def test_join_refuses_what_has_no_set():
         ({"deformation_index": 7.0}, "per cent"),
         ({"ks_uN_per_m": -1.0}, "-1"),
         ({"ks_uN_per_m": "5 uN"}, "no number"),
+        ({"ks_uN_per_m": 5e-6}, "units of their columns"),
+        ({"kb_pN_um": None}, "empty beside an index"),
+        ({"deformation_index_std": -0.1}, "scatter of the index of -0.1"),
+        ({"deformation_index_std": 2.0}, "per cent"),
+        ({"cell_radius_um": None}, "cell_radius_um is empty"),
+        ({"group": "G1"}, "two rows with an index"),
+        ({"default": "maybe"}, "neither true nor false"),
         ({"velocity_mm_s": True}, "true or false"),
     ],
 )
 def test_inverse_refuses_a_table_of_nonsense(change, words):
     with pytest.raises(DldsimError, match=words):
         stiffness_for(0.55, curves().assign(**change))
+
+
+def test_a_table_without_rows_is_none():
+    with pytest.raises(DldsimError, match="no rows"):
+        stiffness_for(0.55, curves().iloc[:0])
+
+
+def test_words_say_which_assay_is_the_default_one():
+    """As a CSV file has them; the other assay stands first."""
+    known = curves()
+    other = known.assign(assay="other", deformation_index=known["deformation_index"] + 0.01)
+    both = pd.concat([other.assign(default="False"), known.assign(default="True")])
+    assert stiffness_for(0.55, both)["assay"] == known["assay"].iloc[0]
 
 
 @pytest.mark.parametrize("centres", [(0.5, 0.6, 0.7), (0.8, 0.55, 0.3)])

@@ -27,6 +27,8 @@ def test_both_stand_in_one_table():
     [
         ({"wanted_spacing_um": 2.0}, r"wanted_spacing_um 2\.0 \(survey: 1\.25\)"),
         ({"kernel": "linear"}, r"kernel linear \(survey: compact\)"),
+        ({"lanes_in_domain": 4}, r"lanes_in_domain 4 \(survey: 2\)"),
+        ({"images": "aligned"}, r"images aligned \(survey: dilute\)"),
         ({"release_axis": "z"}, r"release_axis z \(survey: y\)"),
         ({"drive": "axial"}, r"drive axial \(survey: no-lateral-flux\)"),
     ],
@@ -36,11 +38,6 @@ def test_other_numerics_are_named_with_the_remedy(change, words):
         learning.with_survey(make_outcomes().assign(**change), make_survey(8, 8))
     assert caught.value.key == "surrogate.survey"
     assert "surrogate.survey: false" in caught.value.remedy
-
-
-def test_the_periodic_domain_may_differ():
-    other = make_outcomes().assign(rows_in_domain=2, lanes_in_domain=4, images="aligned")
-    assert len(learning.with_survey(other, make_survey(8, 8))) == 97
 
 
 def test_measured_rows_have_no_numerics_to_differ():

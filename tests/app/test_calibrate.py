@@ -59,6 +59,14 @@ def test_a_calibration_is_made_and_goes_on_where_it_was(simulated, capsys, tmp_p
     assert len(simulated) == 3 + 15  # the lost point, and those of the other radius
 
 
+def test_the_cells_of_an_assay_are_those_that_it_measures(simulated, capsys, tmp_path):
+    own = "cells: [{shape: sphere, radius_um: 6}]\n"
+    (tmp_path / "mine.yaml").write_text(MINE + own)
+    code, _, said = run(capsys, tmp_path)
+    assert code == 0, said
+    assert {name.split("_")[1] for name in simulated} == {"sphere-6"}
+
+
 def test_a_named_assay_of_the_configuration(simulated, capsys, tmp_path):
     code, summary, _ = call(capsys, "calibrate", "--assay", "gauge", "--output", tmp_path / "out")
     assert code == 0 and {row["cell_shape"] for row in summary["rows"]} == {"biconcave"}

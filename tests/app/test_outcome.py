@@ -204,6 +204,28 @@ def test_options_go_over_the_design(capsys, campaign, designed):
     assert len(summary["outlets"]) == 3 and summary["outcomes"][0]["array_length_mm"] <= 2
 
 
+def test_another_deformability_has_no_spread_of_the_one_before(
+    capsys, campaign, designed, tmp_path
+):
+    record = json.loads((designed[0] / "files/request-candidate-1.json").read_text())
+    request = record["request"]
+    for i in "12":
+        request |= {f"ks_cv_{i}": 0.2}
+    path = tmp_path / "spread.json"
+    path.write_text(json.dumps(record), encoding="utf-8-sig")
+    code, summary, _ = outcome(capsys, campaign, "--design", path, *FEW, "--ks1", 12)
+    assert code == 0
+    assert (summary["request"]["ks_cv_1"], summary["request"]["ks_cv_2"]) == (None, 0.2)
+
+
+@pytest.mark.parametrize("content", [b'{"request": null}', b"[]", b"\xff\xfe" + b"\0" * 9000])
+def test_what_is_no_design_is_said_in_a_line(capsys, campaign, tmp_path, content):
+    path = tmp_path / "x.json"
+    path.write_bytes(content)
+    code, _, message = outcome(capsys, campaign, "--design", path, *FEW)
+    assert code == 2 and "is no file of a design" in message and len(message) < 600
+
+
 def test_measured_cells(capsys, campaign, tmp_path):
     radii = np.random.default_rng(1).normal(5.5, 0.2, 50)
     (tmp_path / "a.csv").write_text("radius_um\n" + "\n".join(f"{r:.3f}" for r in radii))

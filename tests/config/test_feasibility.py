@@ -84,6 +84,11 @@ SLIT = {"kind": "constriction", "velocity_mm_s": 1.0}
         ({"assays": {"c": {**CHANNEL, "velocity_mm_s": 100}}}, "assays.c.velocity_mm_s"),
         ({"assays": {"gauge": {"stress_Pa": 1000}}}, "assays.gauge.stress_Pa"),
         ({"assays": {"c": SLIT | {"channel": {"height_um": 3}}}}, "assays.c.channel.height_um"),
+        ({"assays": {"gauge": {"radius_factors": [0.95, 0.95]}}}, "assays.gauge.radius_factors"),
+        ({"assays": {"gauge": {"radius_factors": [1.0]}}}, "assays.gauge.radius_factors"),
+        ({"assays": {"gauge": {"other_axes": ["z"]}}}, "assays.gauge.other_axes"),
+        ({"assays": {"c": {**CHANNEL, "offsets_um": [0.5, 0.5]}}}, "assays.c.offsets_um"),
+        ({"constriction": {"approach_length_um": 14}}, "constriction.approach_length_um"),
     ],
 )
 def test_what_no_lattice_can_carry_is_refused(overrides, key):

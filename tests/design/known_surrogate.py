@@ -27,7 +27,7 @@ class Known:
     """
 
     domains = {"biconcave": Domain(np.array([[0.1, 0.1, 2], [9, 9, 99]]), (0.3, 0.9), (0.1, 5))}
-    card = {"numerical_uncertainty": {"share_by_mode": {}}}
+    card = {"numerical_uncertainty": {"share_by_mode": {}}, "data": {"survey": None}}
 
     def __init__(self, angle, half=0.1, outside=lambda r, g, n: 0.0, sigma=None):
         self.angle, self.half, self.outside, self.sigma = angle, half, outside, sigma

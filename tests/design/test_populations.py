@@ -231,3 +231,12 @@ def test_an_assay_that_does_not_tell_two_cells_apart_is_named_first():
     assert told_apart(made()) is None and doubt(made()) == ""
     rows = populations.rows_of(near, "test")
     assert [row["told_apart"] for row in rows] == [False, False] and rows[0]["doubt"] == said
+
+
+def test_a_flow_with_inertia_is_told():
+    """Water at 100 mm/s past cells of 7.5 µm radius: Re = 0.1 · 15e-6 / 1.5e-6 = 1."""
+    cells = made()
+    assert "Reynolds" not in doubt(cells)
+    fast = cells[0].flow.model_copy(update={"mean_velocity_mm_s": 100.0})
+    told = doubt([cell._replace(flow=fast) for cell in cells])
+    assert "U·2R/ν is 1 (in water)" in told

@@ -168,7 +168,7 @@ def test_an_unstable_passage_has_no_deformation_index():
     [
         ({"throat_width_um": 16.0}, CELL, 0.0, "throat_width_um = 16 must be below"),
         ({}, CELL, 7.0, "7 µm does not fit the approach .* allowed 0 to 6"),
-        ({}, Cell(radius_um=9.0), 0.0, "does not fit"),
+        ({}, Cell(radius_um=9.0), 0.0, "approach_length_um = 16 is shorter than the cell"),
         ({"height_um": 4.0}, CELL, 0.0, "does not fit the channel of 16 × 4 µm"),
         ({"height_um": 0.3}, CELL, 0.0, "height_um"),
     ],

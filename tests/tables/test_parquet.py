@@ -169,6 +169,15 @@ def test_damaged_pages_are_refused(path):
         read_columns("calibration_correlations", path)
 
 
+@pytest.mark.parametrize("record", [b"{}", b"[]", b"null", b"{"])
+def test_damaged_metadata_are_refused(path, record):
+    path.parent.mkdir(parents=True)
+    table = pa.table({"x": [1.0]}).replace_schema_metadata({parquet.METADATA_KEY: record})
+    pq.write_table(table, path)
+    with pytest.raises(DldsimError, match="metadata are damaged"):
+        describe(path)
+
+
 def test_other_kind_physics_and_columns_are_refused(path, monkeypatch):
     write_table("calibration_correlations", example(), path, ABOUT)
     with pytest.raises(DldsimError, match="kind calibration_correlations, not runs"):

@@ -23,6 +23,12 @@ from snakemake.settings.types import (
     ResourceSettings,
 )
 
+from dldsim.config.presets import read_config
+from dldsim.tables.numerics import columns_of
+from dldsim.tables.parquet import write_table
+from tests.analysis.made_outcomes import make_survey
+from tests.app.conftest import filled
+
 ROOT = Path(__file__).parents[2]
 PARTS = ("Snakefile", "config.yaml", "workflow", "profiles")
 
@@ -39,6 +45,13 @@ def snakemake(folder, *argv, check=True):
     )
     assert not check or done.returncode == 0, done.stdout + done.stderr
     return done
+
+
+def write_survey(path, **changes):
+    """A made-up survey of the numerics of the preset tiny, but for the changes."""
+    numerics = read_config(ROOT / "config.yaml", {"preset": "tiny"}).numerics
+    made = make_survey(8, 8).assign(**columns_of(numerics) | changes)
+    write_table("outcomes", filled("outcomes", made), path, {})
 
 
 def profile(name="default"):

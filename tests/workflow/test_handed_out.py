@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from dldsim.config.configuration import Config
-from tests.workflow.snakemake_start import ROOT, TINY, plan
+from tests.workflow.snakemake_start import ROOT, TINY, plan, write_survey
 
 pytestmark = pytest.mark.slow
 
@@ -27,7 +27,6 @@ NOTHING = (
     "flows",
     "runs",
     "trajectories",
-    "outcomes",
     "robustness_map",
     "validate_case",
     "validation",
@@ -37,6 +36,7 @@ NOTHING = (
 )
 READS = {
     **dict.fromkeys(NOTHING, set()),
+    "outcomes": {"run_control"},
     **dict.fromkeys(("anova", "spot_check", "spot_check_plan"), {"seed"}),
     **dict.fromkeys(
         ("benchmark", "learning_curve", "surrogate", "verifications"), {"seed", "surrogate"}
@@ -182,7 +182,7 @@ def unchanged(finished):
 def test_a_rule_hands_out_what_its_jobs_read_and_nothing_more(
     finished, unchanged, section, monkeypatch, tmp_path
 ):
-    (tmp_path / "some.parquet").write_bytes(b"a survey")
+    write_survey(tmp_path / "some.parquet")
     monkeypatch.setattr("dldsim.analysis.learning.SURVEY", tmp_path / "some.parquet")
     changed = handed_out(finished, config=[*TINY, CHANGES[section]])
     differing = {job[0] for job, given in unchanged.items() if changed.get(job, given) != given}

@@ -17,6 +17,7 @@ from tests.workflow.snakemake_start import (
     planned,
     snakemake,
     touch,
+    write_survey,
 )
 
 pytestmark = pytest.mark.slow
@@ -52,7 +53,7 @@ def test_a_survey_that_is_not_there_is_told_before_anything_runs(finished, monke
     ):
         planned(finished, "surrogate", config=asked)
     assert "surrogate" not in planned(finished, "outcomes", config=asked)  # nor asked for
-    (tmp_path / "some.parquet").write_bytes(b"a survey")
+    write_survey(tmp_path / "some.parquet")
     monkeypatch.setattr("dldsim.analysis.learning.SURVEY", tmp_path / "some.parquet")
     after = {"surrogate": 1, "benchmark": 1, "learning_curve": 1, "sensitivity": 1}
     assert planned(finished, "all", config=asked) == {
@@ -61,6 +62,13 @@ def test_a_survey_that_is_not_there_is_told_before_anything_runs(finished, monke
         "search_regret": 1,
         **VERIFIED,
     }
+
+
+def test_a_survey_of_other_numerics_is_told_before_anything_runs(finished, monkeypatch, tmp_path):
+    write_survey(tmp_path / "other.parquet", lanes_in_domain=4)
+    monkeypatch.setattr("dldsim.analysis.learning.SURVEY", tmp_path / "other.parquet")
+    with pytest.raises(WorkflowError, match=r"lanes_in_domain \d \(survey: 4\)"):
+        planned(finished, "surrogate", config=[*TINY, "surrogate={survey: true}"])
 
 
 def test_the_reference_is_a_target_of_its_own(tmp_path):

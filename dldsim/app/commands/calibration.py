@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from dldsim.app.commands.options import add_command, add_config, number
+from dldsim.app.commands.options import add_command, add_config, number, place
 from dldsim.app.commands.output import Display, check_writable, frame_lines, listing, records
 from dldsim.app.commands.settings import configuration
 from dldsim.config.assay_sections import AssayCell, Shape, TableAssay
@@ -27,13 +27,14 @@ def calibrate(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             allowed="membranes by name",
             remedy="Name a configuration that has some with --config FILE.",
         )
-    cells = [
-        validate(AssayCell, {"shape": shape, "radius_um": radius})
-        for shape in args.shape or [config.cell.shape]
-        for radius in args.radius or [config.cell.radius_um]
-    ]
-    own = config.assays[name].model_copy(update={"cells": cells})
-    config = config.model_copy(update={"assays": {**config.assays, name: own}})
+    if args.shape or args.radius:
+        cells = [
+            validate(AssayCell, {"shape": shape, "radius_um": radius})
+            for shape in args.shape or [config.cell.shape]
+            for radius in args.radius or [config.cell.radius_um]
+        ]
+        own = config.assays[name].model_copy(update={"cells": cells})
+        config = config.model_copy(update={"assays": {**config.assays, name: own}})
     points = points_of(name, config)
     check_points(points, config)
     output = args.output or Path(f"calibration-{name}")
@@ -93,19 +94,19 @@ def add_calibrate(commands) -> None:
         "--shape",
         nargs="+",
         choices=Shape.__args__,
-        help="rest shapes; default: that of the configuration's cell",
+        help="rest shapes; default: the cells of the assay, or the configuration's",
     )
     parser.add_argument(
         "--radius",
         type=number,
         nargs="+",
         metavar="µm",
-        help="largest radii at rest; default: that of the configuration's cell",
+        help="largest radii at rest; default: the cells of the assay, or the configuration's",
     )
     add_config(parser)
     parser.add_argument(
         "--output",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="folder of the passages, the calibration and its figure; started again, it goes on "
         "with what is there; default: calibration-NAME",

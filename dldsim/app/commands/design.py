@@ -12,12 +12,13 @@ from dldsim.app.commands.options import (
     add_seed,
     number,
     option_of,
+    place,
     whole,
 )
 from dldsim.app.commands.outcome import outcome_lines
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
 from dldsim.app.commands.populations import add_populations, request_of
-from dldsim.app.commands.settings import configuration, safety_distance_um, seed_of
+from dldsim.app.commands.settings import configuration, refuse_idle, safety_distance_um, seed_of
 from dldsim.config.configuration import Sweep
 from dldsim.config.design_sections import DesignRequest, Device, Verification
 from dldsim.config.explain import check_value, validate
@@ -36,6 +37,10 @@ def design(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
     values, measured = request_of(args)
     request = validate(DesignRequest, values | {"name": args.request_name})
+    if request.sampler == "grid":
+        refuse_idle(args, "on a grid", "trials", "startup_trials")
+    else:
+        refuse_idle(args, "without --sampler grid", "grid_steps")
     config = configuration(args.config)
     request = finished_campaign.with_default_assay(config, request)
     seed = seed_of(config, args)
@@ -305,7 +310,7 @@ def add_design(commands) -> None:
     add_seed(parser)
     parser.add_argument(
         "--results",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="folder with the outcomes, calibration, surrogate (and flows) of a "
         "campaign; default: the campaign that comes with the package",
@@ -317,7 +322,7 @@ def add_design(commands) -> None:
     )
     parser.add_argument(
         "--output",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="write tables, the candidates' files (mask, data) and a report "
         "there, and with --verify those of the simulated designs; default "

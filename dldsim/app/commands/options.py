@@ -18,7 +18,10 @@ UNITS = {"_um": "µm", "_mm_s": "mm/s", "_mPa_s": "mPa·s", "_nN_s_per_m": "nN·
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong without the whole usage."""
+    """A parser that says what is wrong without the whole usage, and guesses at no option."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, allow_abbrev=False, **kwargs)
 
     def error(self, message: str):
         self.exit(2, f"{self.prog}: {message}\nSee {self.prog} --help\n")
@@ -56,7 +59,7 @@ def add_geometry(parser: argparse.ArgumentParser) -> None:
 def add_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config",
-        type=Path,
+        type=place,
         metavar="FILE",
         help="configuration that the options go over; default: ./config.yaml if "
         "present, else the defaults above",
@@ -150,6 +153,14 @@ def number(text: str) -> float:
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text!r} is no finite number")
     return value
+
+
+def place(text: str) -> Path:
+    """A file or a folder of the command line; an empty one, such as of a variable that is not set,
+    is none."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("it is empty: name a file or a folder")
+    return Path(text)
 
 
 def seed(text: str) -> int:

@@ -11,6 +11,7 @@ from dldsim.app.commands.options import (
     add_option,
     add_seed,
     option_of,
+    place,
     whole,
 )
 from dldsim.app.commands.output import Display, check_writable, in_columns, optional, records
@@ -316,7 +317,7 @@ def add_outcome(commands) -> None:
     array = parser.add_argument_group("array, by a file or by itself")
     array.add_argument(
         "--design",
-        type=Path,
+        type=place,
         metavar="FILE",
         help="the .json file of a design: array, device and walls between outlets as its mask has "
         "them, and its cell types, which the options go over",
@@ -331,7 +332,7 @@ def add_outcome(commands) -> None:
         add_option(parser, DesignRequest, key)
     parser.add_argument(
         "--then",
-        type=Path,
+        type=place,
         metavar="FILE",
         help="the .json file of a second design, which an outlet of the first feeds",
     )
@@ -351,18 +352,18 @@ def add_outcome(commands) -> None:
     add_seed(parser)
     parser.add_argument(
         "--results",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="folder of a finished campaign; default: the campaign that comes with the package",
     )
     parser.add_argument(
         "--output",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="write tables (Parquet and CSV), outcome.png and outcome.html there; default with "
         "--simulate: outcome-NAME",
     )
     parser.add_argument(
-        "--csv", type=Path, metavar="FILE", help="write purity and recovery as CSV there"
+        "--csv", type=place, metavar="FILE", help="write purity and recovery as CSV there"
     )
     add_config(parser)

@@ -2,7 +2,6 @@
 
 import codecs
 import contextlib
-import errno
 import json
 import os
 import sys
@@ -18,11 +17,17 @@ def check_writable(path: Path, option: str) -> None:
 
     It is tried under the name that it has while it is being written, the longest; nothing stays.
     """
+    if path.is_dir() or not path.name:
+        raise DldsimError(
+            f"{option} {path}: it is a folder. Nothing was calculated.",
+            key=option,
+            value=str(path),
+            allowed="a file",
+            remedy="Name a file in it.",
+        )
     made = [folder for folder in path.parents if not folder.exists()]
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "it is a folder")
         path.parent.mkdir(parents=True, exist_ok=True)
         part.touch(exist_ok=False)
         part.unlink()

@@ -2,19 +2,15 @@
 
 import argparse
 from collections.abc import Collection, Mapping
-from pathlib import Path
 from typing import Any
 
-from dldsim.app.commands.options import add_option, number, option_of
+from dldsim.app.commands.options import add_option, number, option_of, place
 from dldsim.app.commands.settings import given_by
 from dldsim.config.design_sections import DEFORMABILITIES, DesignRequest, is_given
 from dldsim.errors import DldsimError
 
-ONE_OF = (
-    DEFORMABILITIES,
-    ("radius_std_{}_um", "radius_cv_{}"),
-    ("deformation_index_std_{}", "ks_cv_{}"),
-)
+SPREADS = ("deformation_index_std_{}", "ks_cv_{}")
+ONE_OF = (DEFORMABILITIES, ("radius_std_{}_um", "radius_cv_{}"), SPREADS)
 """Fields of a cell type of which one excludes the others."""
 OPTIONS = {
     "shape_{}": "--shape{}",
@@ -76,7 +72,7 @@ def add_populations(parser: argparse.ArgumentParser) -> None:
         add_option(parser, DesignRequest, f"ks_cv_{i}", f"--ks{i}-cv")
         parser.add_argument(
             f"--population{i}",
-            type=Path,
+            type=place,
             metavar="CSV",
             help=f"measured cells of type {i}: columns radius_um and, where it was measured, "
             "deformation_index or ks_uN_per_m; instead of the options for these and their spread",
@@ -113,6 +109,8 @@ def request_of(
         for group in ONE_OF:
             keys = [key.format(i) for key in group]
             if any(key in given for key in keys):
+                if group is DEFORMABILITIES:  # the spread was of what it replaces
+                    keys += [key.format(i) for key in SPREADS]
                 values = {key: value for key, value in values.items() if key not in keys}
     paths = [getattr(args, f"population{i}") for i in "12"]
     measured = tuple(None if path is None else read_measured(path) for path in paths)

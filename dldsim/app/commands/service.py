@@ -2,9 +2,8 @@
 
 import argparse
 from collections.abc import Iterable
-from pathlib import Path
 
-from dldsim.app.commands.options import add_command, whole
+from dldsim.app.commands.options import add_command, place, whole
 from dldsim.app.commands.output import Display
 from dldsim.app.commands.settings import given_by
 
@@ -36,20 +35,20 @@ def add_serve(commands) -> None:
     parser.add_argument("part", choices=["api", "ui", "both"])
     parser.add_argument(
         "--results",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="campaign that answers come from; default: the one that comes with the package",
     )
     parser.add_argument(
         "--config",
-        type=Path,
+        type=place,
         metavar="FILE",
         help="configuration for device, safety distance and verification; "
         "default: ./config.yaml if present, else defaults",
     )
     parser.add_argument(
         "--state",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="folder of queue and results; default: dldsim-web in ~/.local/state",
     )

@@ -5,6 +5,7 @@ import difflib
 from pathlib import Path
 from typing import Any
 
+from dldsim.app.commands.options import option_of
 from dldsim.config import limits
 from dldsim.config.configuration import Partial, Sweep
 from dldsim.config.explain import validate
@@ -41,6 +42,18 @@ def given_by(model: type[Section], args: argparse.Namespace) -> dict:
     """The fields of a section that the command line names."""
     values = {key: getattr(args, key, None) for key in model.model_fields}
     return {key: value for key, value in values.items() if value is not None}
+
+
+def refuse_idle(args: argparse.Namespace, why: str, *keys: str) -> None:
+    """Refuse options that change nothing: ``why`` not. Raises DldsimError."""
+    for key in keys:
+        if (value := getattr(args, key)) is not None:
+            raise DldsimError(
+                f"{option_of(key)} {value:g} has no effect {why}.",
+                key=option_of(key),
+                value=value,
+                remedy="Leave it out.",
+            )
 
 
 def section_of(model: type[Section], config: Partial | None, args: argparse.Namespace) -> Any:

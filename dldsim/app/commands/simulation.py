@@ -11,6 +11,7 @@ from dldsim.app.commands.options import (
     add_geometry,
     add_option,
     number,
+    place,
 )
 from dldsim.app.commands.output import Display, check_writable, listing
 from dldsim.app.commands.settings import (
@@ -18,6 +19,7 @@ from dldsim.app.commands.settings import (
     entry_of,
     geometry_of,
     given_by,
+    refuse_idle,
     safety_distance_um,
     section_of,
 )
@@ -27,6 +29,7 @@ from dldsim.config.configuration import Partial
 from dldsim.config.explain import validate
 from dldsim.config.feasibility import check_gap, check_images, check_passable
 from dldsim.config.sections import (
+    CELL_NUMERICS,
     Cell,
     CellShape,
     Constriction,
@@ -47,6 +50,10 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
     cell = validate(Cell, (config.cell.model_dump() if config else {}) | given_by(Cell, args))
     flow, numerics = section_of(Flow, config, args), section_of(Numerics, config, args)
     control = _control(config, args)
+    if cell.shape != "ellipsoid":
+        refuse_idle(args, "for a cell that is no ellipsoid", "aspect_ratio")
+    if numerics.coupling == "no-slip":
+        refuse_idle(args, "with the no-slip coupling", "friction_nN_s_per_m")
     check_gap(geometry, safety_distance_um(config))
     check_passable(geometry, cell, flow.height_um)
     check_images(geometry, cell, numerics)
@@ -261,7 +268,7 @@ def add_run(commands) -> None:
     add_config(parser)
     parser.add_argument(
         "--out",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="write the run, or the outcome with its runs, and the trajectory there, as Parquet",
     )
@@ -286,9 +293,9 @@ def add_flow(commands) -> None:
     )
     add_geometry(parser)
     add_fields(parser, "channel and flow", Flow)
-    add_fields(parser, "numerics", Numerics)
+    add_fields(parser, "numerics", Numerics, without=CELL_NUMERICS)
     add_config(parser)
-    parser.add_argument("--out", type=Path, metavar="FILE.npz", help="save the flow there")
+    parser.add_argument("--out", type=place, metavar="FILE.npz", help="save the flow there")
 
 
 def add_constrict(commands) -> None:
@@ -322,5 +329,8 @@ def add_constrict(commands) -> None:
     add_fields(parser, "numerics", Numerics, without={*NOT_IN_ASSAYS})
     add_config(parser)
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="write its row and its trajectory there, as Parquet"
+        "--out",
+        type=place,
+        metavar="DIR",
+        help="write its row and its trajectory there, as Parquet",
     )

@@ -3,10 +3,9 @@
 import argparse
 import math
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
-from dldsim.app.commands.options import add_command, number, seed
+from dldsim.app.commands.options import add_command, number, place, seed
 from dldsim.app.commands.output import check_writable, frame_lines, in_columns, listing, records
 from dldsim.errors import DldsimError
 
@@ -84,6 +83,13 @@ def transition(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
 
     if args.figure:
         check_writable(args.figure, "--figure")
+        if args.figure.suffix.lower() != ".png":
+            raise DldsimError(
+                f"--figure {args.figure}: figures are PNG files.",
+                key="--figure",
+                value=str(args.figure),
+                allowed="a name that ends with .png",
+            )
     folder = args.results or packaged_campaign()
     surrogate = load(folder / "surrogate.json", folder / "surrogate_card.json")
     table = transition_map(surrogate)
@@ -159,7 +165,7 @@ def add_anova(commands) -> None:
     )
     parser.add_argument(
         "table",
-        type=Path,
+        type=place,
         metavar="TABLE",
         help="CSV or Parquet with the columns pillar_radius_um, gap_um, "
         "periodicity, deformation_index and migration_angle_deg, and "
@@ -216,14 +222,14 @@ def add_stiffness(commands) -> None:
     )
     parser.add_argument(
         "--results",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="campaign whose calibration is taken; default: the campaign that "
         "comes with the package",
     )
     parser.add_argument(
         "--calibration",
-        type=Path,
+        type=place,
         metavar="FILE",
         help="calibration, CSV or Parquet, instead of the one in the results folder",
     )
@@ -240,11 +246,11 @@ def add_transition(commands) -> None:
     )
     parser.add_argument(
         "--results",
-        type=Path,
+        type=place,
         metavar="DIR",
         help="campaign whose surrogate is asked; default: the campaign that comes with the package",
     )
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw them there, as PNG")
+    parser.add_argument("--figure", type=place, metavar="FILE", help="draw them there, as PNG")
 
 
 def add_info(commands) -> None:
@@ -256,4 +262,4 @@ def add_info(commands) -> None:
         "columns, units and provenance of a table",
         "info results/outcomes.parquet",
     )
-    parser.add_argument("file", type=Path, metavar="FILE", help="a Parquet table of dldsim")
+    parser.add_argument("file", type=place, metavar="FILE", help="a Parquet table of dldsim")

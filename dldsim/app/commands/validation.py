@@ -2,9 +2,8 @@
 
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
-from dldsim.app.commands.options import add_command
+from dldsim.app.commands.options import add_command, place
 from dldsim.app.commands.output import Display, check_writable, in_columns
 
 
@@ -108,7 +107,7 @@ def add_validate(commands) -> None:
     parser.add_argument("--list", action="store_true", help="list the cases and run none")
     parser.add_argument(
         "--out",
-        type=Path,
+        type=place,
         metavar="FILE.parquet",
         help="write the comparisons there, with a CSV twin",
     )

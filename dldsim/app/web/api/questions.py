@@ -60,6 +60,11 @@ def make_router(service: Service) -> APIRouter:
         warnings = list(source.provenance.warnings)
         if not inside:
             warnings.append(OUTSIDE)
+        if spec.gap_um < cell.width_um:
+            warnings.append(
+                f"The cell does not pass: it needs a gap of {cell.width_um:.3g} µm "
+                f"({cell.width_basis})."
+            )
         safety = known.chip.safety_distance_um
         if spec.gap_um <= spec.pillar_radius_um + safety:
             warnings.append(
