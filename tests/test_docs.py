@@ -96,7 +96,7 @@ def test_the_answers_in_the_readme_are_those_of_its_commands(answers):
     rows = [
         row
         for row in answers["transition"]["rows"]
-        if row["cell_shape"] == "sphere" and row["periodicity"] == 6
+        if row["cell_shape"] == "sphere" and row["periodicity"] == 5
     ]
     stiffest, softest = (
         "{:.2f} ({:.2f} to {:.2f})".format(

@@ -8,7 +8,7 @@ from dldsim.analysis.surrogate import LEVEL, Surrogate, half_way
 from dldsim.errors import DldsimError
 from dldsim.laws import critical_diameter
 
-PERIODICITIES = (6, 8, 10, 12)
+PERIODICITIES = (4, 5, 6, 8, 10, 12)
 PILLAR_RADIUS = 1.0
 """Pillar radius of the map in cell radii."""
 HEIGHT = 8 / 3

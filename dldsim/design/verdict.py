@@ -172,7 +172,7 @@ def separated(
         return same if known else None
     if same is not False and towards(here, there) < 0:
         return False
-    if known:
+    if known or any(row["status"] not in ("decided", "undecided") for row in finer):
         return same
     both = zip(found, finer, strict=True)
     if all({a["status"], b["status"]} == {"decided"} and a["mode"] == b["mode"] for a, b in both):
