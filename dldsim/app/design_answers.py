@@ -110,6 +110,7 @@ def verify_request(
         fit=partial(surrogate.fit, survey=tables.get("survey")),
         resistance=simulator.resistance,
         each=simulator.each,
+        glance=simulator.glance,
         progress=progress,
     )
     seed = outlet_seed(settings["seed"])

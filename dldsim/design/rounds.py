@@ -22,7 +22,7 @@ from dldsim.design.motion import UNKNOWN, History
 from dldsim.design.populations import Population
 from dldsim.design.search import search
 from dldsim.design.task import Task
-from dldsim.design.verdict import compare, parts
+from dldsim.design.verdict import compare, difference_of, parts
 from dldsim.design.verified import Stop, Verdicts, design_table
 from dldsim.errors import DldsimError
 from dldsim.experiments.outcome_files import Progress
@@ -48,6 +48,7 @@ def verify(
     fit: Callable[[pd.DataFrame, int], Surrogate] | None = None,
     resistance: Callable[[Geometry], Mapping[str, Any]] | None = None,
     each: Each = map,
+    glance: Callable[..., dict] | None = None,
     progress: Progress | None = None,
 ) -> Verdicts:
     """Search, simulate, compare and learn, in rounds.
@@ -61,13 +62,14 @@ def verify(
 
     The best designs in which the cells part are simulated once more on a finer lattice at half the
     numerical Reynolds number, with images of the cell farther off: only what parts them there as
-    well counts as separating.
+    well counts as separating. Where both go alike there from the first place of release, as where
+    both bump, they do not, and no other place is simulated (`denied`).
 
     ``populations``: the request's cell types, ``chip``: at its flow, ``sources`` and ``history`` as
-    of `Task`. ``simulate(geometry, population, height_um, finer)`` returns a row of `outcomes`;
-    ``resistance`` one of `flows`; ``each`` maps the simulation over the two cell types. The best
-    verified design is simulated at ± height_tolerance_um
-    too, and learnt from as well.
+    of `Task`. ``simulate(geometry, population, height_um, finer)`` returns a row of `outcomes`,
+    ``glance`` the same from the first place of release, ``resistance`` one of `flows`; ``each``
+    maps the simulation over the two cell types. The best verified design is simulated at
+    ± height_tolerance_um too, and learnt from as well.
 
     Raises DldsimError as `search` does.
     """
@@ -136,7 +138,8 @@ def verify(
             stop = Stop.CONFIRMED
             break
     task = Task(learnt, request, populations, chip, seed, *cells)
-    records += _finer_runs(task, pairs, populations, simulate, each, budget.finer_designs, say)
+    both = simulate, glance
+    records += _finer_runs(task, pairs, populations, both, each, budget.finer_designs, say)
     designs = design_table(task, pairs, resistance, stop, stop.sentence(number, budget))
     if budget.height_runs and request.height_tolerance_um > 0 and len(designs):
         heights, found = _height_runs(task, designs, simulate, each, budget.outcomes_max - spent)
@@ -215,14 +218,25 @@ def _failed(
     }
 
 
+def denied(first: Sequence[Mapping]) -> bool:
+    """Whether outcomes from the first place of release alone say that the cells do not part.
+
+    Where both have one angle there, as where both bump, then whatever the other places give the
+    means over the flux differ by no more than the spreads over the releases together, which is not
+    parting (`verdict.parts`).
+    """
+    return difference_of(first) == 0 and all(row["status"] == "decided" for row in first)
+
+
 def _finer_runs(
-    task: Task, pairs: Mapping[int, dict], populations, simulate, each, count: int, say: Progress
+    task: Task, pairs: Mapping[int, dict], populations, ways, each, count: int, say: Progress
 ) -> list[dict]:
     """The best designs that part the cells, then those that may, once more at a finer setting.
 
-    Fills `finer` of pairs.
+    Fills `finer` of pairs. ``ways``: to simulate from all places, and from the first alone.
     Returns rows of `verifications`.
     """
+    simulate, glance = ways
     parting = []
     for array, pair in pairs.items():
         difference = pair["difference"]
@@ -234,7 +248,10 @@ def _finer_runs(
         pair = pairs[array]
         geometry = Geometry(**pair["place"])
         say(f"finer lattice, half the Reynolds number: {identifiers.geometry_id(geometry)}")
-        pair["finer"] = simulate_pair(simulate, geometry, populations, height, True, each)
+        found = glance and simulate_pair(glance, geometry, populations, height, True, each)
+        if not found or not denied(found):
+            found = simulate_pair(simulate, geometry, populations, height, True, each)
+        pair["finer"] = found
         for row in compare(task, populations, geometry, pair["finer"]):
             # A check of the simulation; the surrogate has learnt from its outcome.
             row |= {"agrees": None, "verdict": "finer lattice: not predicted, only simulated"}

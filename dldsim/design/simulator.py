@@ -101,19 +101,57 @@ class Simulator:
         self, geometry: Geometry, population: Population, height_um: float, finer: bool = False
     ) -> dict:
         scene = self._at(geometry, height_um, finer)
+        name = self.name(geometry, population, height_um, finer)
+        settings = self._settings(geometry, population, scene)
+        kept = self._files(name)
+        there = finer or kept.shapes.exists()
+        if not (there and made_with(kept.tables.outcome, settings_hash(settings))):
+            self._simulate(geometry, population, scene, name, settings, recorded=not finer)
+        [row] = read_rows("outcomes", kept.tables.outcome)
+        return self._judged(row, population)
+
+    def glance(
+        self, geometry: Geometry, population: Population, height_um: float, finer: bool = True
+    ) -> dict:
+        """The same from the first place of release alone, on the finer lattice; an outcome that is
+        asked for afterwards goes on with that release."""
+        from dldsim.experiments.array_outcome import simulate_outcome
+
+        scene = self._at(geometry, height_um, finer)
+        name = self.name(geometry, population, height_um, finer)
+        settings = self._settings(geometry, population, scene)
+        if made_with(self._files(name).tables.outcome, settings_hash(settings)):
+            return self(geometry, population, height_um, finer)
+        partial = Partial(self.directory / name, name, settings)
+        first = scene.control.release_gap_fractions[:1]
+        result = simulate_outcome(
+            geometry,
+            population.stiffness,
+            self._cell(population),
+            scene.flow,
+            scene.numerics,
+            scene.control.model_copy(update={"release_gap_fractions": first}),
+            outcome_id=name,
+            stiffness_set=name.rpartition("_s")[2],
+            empty_flow=self._empty_flow(geometry, scene),
+            finished=partial.finished(first),
+            keep=partial.keep,
+            progress=self._told(name),
+        )
+        return self._judged(result.row, population)
+
+    def _settings(self, geometry: Geometry, population: Population, scene: Scene) -> dict:
+        """All that an outcome depends on."""
         sections = {
             **{name: getattr(scene, name) for name in ("flow", "numerics", "control")},
             "cell": self._cell(population),
             "stiffness": population.stiffness,
             "geometry": geometry,
         }
-        settings = {name: section.model_dump(mode="json") for name, section in sections.items()}
-        name = self.name(geometry, population, height_um, finer)
-        kept = self._files(name)
-        there = finer or kept.shapes.exists()
-        if not (there and made_with(kept.tables.outcome, settings_hash(settings))):
-            self._simulate(geometry, population, scene, name, settings, recorded=not finer)
-        [row] = read_rows("outcomes", kept.tables.outcome)
+        return {name: section.model_dump(mode="json") for name, section in sections.items()}
+
+    def _judged(self, row: Mapping[str, Any], population: Population) -> dict:
+        """A row of `outcomes` with the index of its cell and with σ_num."""
         return {
             **row,
             "deformation_index": population.deformation_index,

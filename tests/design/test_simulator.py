@@ -97,6 +97,26 @@ def test_on_the_finer_lattice_the_cell_is_released(simulated, monkeypatch):
     assert spacing < row["spacing_um"] and starts is None and observe is None
 
 
+def test_a_glance_is_the_first_release_of_what_follows(simulated, tmp_path, monkeypatch):
+    _, row = simulated
+    simulate, places = array_run.simulate_run, []
+
+    def watched(*sections, **options):
+        places.append(sections[2].release_gap_fraction)
+        return simulate(*sections, **options)
+
+    monkeypatch.setattr("dldsim.experiments.array_outcome.simulate_run", watched)
+    simulator = Simulator(tmp_path, SCENE)
+    seen = simulator.glance(GEOMETRY, SMALL, 12.0, finer=False)
+    assert (seen["releases"], seen["outcome_id"], places) == (1, row["outcome_id"], [0.5])
+    assert simulator.glance(GEOMETRY, SMALL, 12.0, finer=False) | {"wall_time_s": 0} == seen | {
+        "wall_time_s": 0
+    }
+    whole = simulator(GEOMETRY, SMALL, 12.0)
+    assert {**whole, "wall_time_s": 0} == {**row, "wall_time_s": 0}
+    assert simulator.glance(GEOMETRY, SMALL, 12.0, finer=False) == whole
+
+
 def test_a_finished_outcome_is_used_again(simulated, monkeypatch):
     simulator, row = simulated
 

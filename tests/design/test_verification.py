@@ -77,11 +77,12 @@ class Nature:
         }
 
 
-def check(surrogate, nature, fit=None, request=REQUEST, chip=CHIP, **budget):
+def check(surrogate, nature, fit=None, request=REQUEST, chip=CHIP, glance=None, **budget):
     none = {"height_runs": False, "transition_geometries": 0, "finer_designs": 0}
     budget = Budget(**(none | budget))
     learnt = fit or (lambda outcomes, seed: surrogate)
-    return verify(surrogate, OUTCOMES, request, chip, budget, PEOPLE, nature, 1, fit=learnt)
+    cells = PEOPLE, nature, 1
+    return verify(surrogate, OUTCOMES, request, chip, budget, *cells, fit=learnt, glance=glance)
 
 
 def differences(verdicts):
@@ -149,6 +150,26 @@ def test_a_design_that_the_finer_lattice_denies_goes_behind_an_open_one_of_the_s
     assert designs["rank"].tolist() == [1, 1]
     assert designs["array"].tolist() == [1, 2]
     assert designs["separates"].tolist() == [None, False]
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_cells_that_go_alike_from_one_place_on_the_finer_lattice_need_no_other(alike):
+    nature, first = Nature(summit), Nature(summit)
+    asked = []
+
+    def glance(geometry, population, height_um, finer):
+        row = first(geometry, population, height_um, finer)
+        asked.append(population.number)
+        return row | ({"migration_angle_deg": 9.46, "mode": "bump"} if alike else {})
+
+    found = check(
+        Known(summit), nature, glance=glance, rounds=1, designs_per_round=1, finer_designs=1
+    )
+    assert asked == [1, 2]
+    assert len(nature.asked) == (2 if alike else 4)
+    best = found.designs.iloc[0]
+    assert bool(best["separates"]) is not alike
+    assert ("but 0.00° at spacing" in best["verdict"]) is alike
 
 
 def test_a_missed_prediction_is_learnt_from():
