@@ -174,10 +174,13 @@ def separated(
         return False
     if known or any(row["status"] not in ("decided", "undecided") for row in finer):
         return same
+    if any(row["status"] == "undecided" for row in finer):
+        return None
+    if towards(here, there) <= _spread(finer):
+        return False
     both = zip(found, finer, strict=True)
-    if all({a["status"], b["status"]} == {"decided"} and a["mode"] == b["mode"] for a, b in both):
-        return towards(here, there) > _spread(finer)
-    return None
+    settled = all(a["status"] == "decided" and a["mode"] == b["mode"] for a, b in both)
+    return True if settled else None
 
 
 def _spread(found: Sequence[Mapping]) -> float:

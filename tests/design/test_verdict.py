@@ -111,6 +111,9 @@ def test_a_finer_setting_settles_a_mode_that_is_open_by_sigma_num():
     assert separated(near, 3.6, pair(0.9, 7.1, modes=("zigzag", "mixed"))) is None
     assert separated(near, 0.5, pair(7.1, 0.9, modes=("zigzag", "mixed"))) is False
     assert separated(near, 3.6, pair(0.9, 7.1, status="coexisting")) is False
+    # What is open at the campaign's setting does not separate if the finer one denies it.
+    open_ = pair(1.0, 1.3, status="undecided")
+    assert separated(open_, 5.0, pair(7.1, 7.1, spread=0.0, modes=("bump", "bump"))) is False
     assert separated(pair(1.0, 1.3, status="undecided"), 5.0, pair(0.9, 7.1)) is None
     assert separated(near, 3.6, pair(0.9, 7.1, spread=4.0)) is False
     # Far from any transition σ_num is what it is.
