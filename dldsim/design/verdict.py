@@ -79,7 +79,7 @@ def compare(
                 "mode": ", ".join(r["mode"] for r in found),
                 "status": ", ".join(r["status"] for r in found),
                 "wall_time_s": sum(r["wall_time_s"] or 0.0 for r in found),
-                "note": "; ".join(dict.fromkeys(r["note"] for r in rows if r["note"])),
+                "note": _notes([r["note"] for r in rows]),
             },
             math.hypot(*half),
             all(inside),
@@ -122,6 +122,13 @@ def _note(row: Mapping[str, Any]) -> str:
     if row["status"] in uncertainty.OPEN:
         return f"{row['status']}: {row['stop_reason']}"
     return "" if row["status"] == "decided" else row["stop_reason"]
+
+
+def _notes(of_each: Sequence[str]) -> str:
+    """What a reader must know of both cell types: once where it is the same, else whose it is."""
+    if len(set(of_each)) == 1:
+        return of_each[0]
+    return "; ".join(f"cell type {i}: {note}" for i, note in enumerate(of_each, 1) if note)
 
 
 def difference_of(found: Sequence[Mapping] | None) -> float | None:

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from dldsim.config.sections import Geometry, Numerics
-from dldsim.design.verdict import design_verdict, parts, separated
+from dldsim.design.verdict import _notes, design_verdict, parts, separated
 from dldsim.laws import whole_shift_spacing
 from dldsim.solver.pillars import next_finer
 
@@ -76,6 +76,12 @@ def test_of_undecided_outcomes_the_bounds_decide():
 def test_bounds_of_an_undecided_outcome_are_no_bounds_of_its_releases():
     """They are means over the flux: releases may lie where the other cell type goes."""
     assert parts(pair(1.0, 3.0, spread=1.1, status="undecided"), 5.0) is None
+
+
+def test_notes_say_whose_they_are():
+    assert _notes(["", ""]) == "" and _notes(["does not fit"] * 2) == "does not fit"
+    assert _notes(["", "undecided: why"]) == "cell type 2: undecided: why"
+    assert _notes(["a", "b"]) == "cell type 1: a; cell type 2: b"
 
 
 def test_no_angle_parts_nothing():
