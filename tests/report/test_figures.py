@@ -12,6 +12,7 @@ from dldsim.report import (
     surrogate_figures,
     trajectory_figures,
 )
+from dldsim.report.sections.benchmark import of_all_rows
 from dldsim.vocabulary import SETTLED
 from tests.report.made_runs import SETS, make_outcome, make_run
 
@@ -276,3 +277,8 @@ def test_a_logarithmic_axis_has_few_plain_labels(low, high, labels):
     shown = zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=True)
     assert {label.get_text() for place, label in shown if low <= place <= high} == labels
     assert not any(label.get_text() for label in axis.get_minorticklabels())
+
+
+def test_the_best_regressor_is_of_those_that_learn_from_all_outcomes():
+    assert of_all_rows(["XGBoost on DI", "curve", "XGBoost"]) == ["curve", "XGBoost"]
+    assert of_all_rows(["XGBoost on DI"]) == ["XGBoost on DI"]

@@ -5,7 +5,7 @@ import math
 import pandas as pd
 
 from dldsim.analysis.domain import learnt
-from dldsim.analysis.regressors import SURROGATE
+from dldsim.analysis.regressors import ON_INDEX, SURROGATE
 from dldsim.report import surrogate_figures
 from dldsim.report.formats import NOT_MEASURED, decimals, fixed, number, numbers, texts
 from dldsim.report.page import Grid, Page
@@ -18,10 +18,11 @@ def contents(page: Page) -> dict | None:
         return None
     scores = surrogate_figures.pooled_scores(predictions)
     models = list(dict.fromkeys(scores["model"]))
+    best = of_all_rows(models)[0]
     splits = [s for s in ("geometry", "random", "stiffness") if (scores["split"] == s).any()]
     both = ["benchmark", "predictions"]
     return {
-        "best": models[0],
+        "best": best,
         "errors": page.figure(
             "benchmark", surrogate_figures.draw_benchmark(scores, benchmark), both
         ),
@@ -30,10 +31,10 @@ def contents(page: Page) -> dict | None:
             for split in splits
         ],
         "parity": page.figure(
-            "parity", surrogate_figures.draw_parity(predictions, scores, models[0]), ["predictions"]
+            "parity", surrogate_figures.draw_parity(predictions, scores, best), ["predictions"]
         ),
         "residuals": page.figure(
-            "residuals", surrogate_figures.draw_residuals(predictions, models[0]), ["predictions"]
+            "residuals", surrogate_figures.draw_residuals(predictions, best), ["predictions"]
         ),
         "conditions": page.figure(
             "conditions", surrogate_figures.draw_conditions(predictions, SURROGATE), ["predictions"]
@@ -51,6 +52,12 @@ def contents(page: Page) -> dict | None:
         else None,
         **_card(page, scores),
     }
+
+
+def of_all_rows(models: list[str]) -> list[str]:
+    """Those that learn from all outcomes, if there are any: errors on the rows with an index alone
+    are of other angles."""
+    return [name for name in models if not name.endswith(ON_INDEX)] or models
 
 
 def _spread(values: pd.Series, digits: int = 2) -> str:
