@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from dldsim.experiments.outcome_files import (
     write_outcome,
 )
 from dldsim.tables.parquet import read_columns, read_rows, write_table
+
+if TYPE_CHECKING:
+    from dldsim.experiments.array_outcome import OutcomeResult
 
 SHAPES_EVERY = 2
 """Samples of a run from one recorded shape to the next."""
@@ -115,8 +118,6 @@ class Simulator:
     ) -> dict:
         """The same from the first place of release alone, on the finer lattice; an outcome that is
         asked for afterwards goes on with that release."""
-        from dldsim.experiments.array_outcome import simulate_outcome
-
         scene = self._at(geometry, height_um, finer)
         name = self.name(geometry, population, height_um, finer)
         settings = self._settings(geometry, population, scene)
@@ -124,20 +125,10 @@ class Simulator:
             return self(geometry, population, height_um, finer)
         partial = Partial(self.directory / name, name, settings)
         first = scene.control.release_gap_fractions[:1]
-        result = simulate_outcome(
-            geometry,
-            population.stiffness,
-            self._cell(population),
-            scene.flow,
-            scene.numerics,
-            scene.control.model_copy(update={"release_gap_fractions": first}),
-            outcome_id=name,
-            stiffness_set=name.rpartition("_s")[2],
-            empty_flow=self._empty_flow(geometry, scene),
-            finished=partial.finished(first),
-            keep=partial.keep,
-            progress=self._told(name),
-        )
+        alone = scene.control.model_copy(update={"release_gap_fractions": first})
+        releases = {"finished": partial.finished(first), "keep": partial.keep}
+        scene = scene._replace(control=alone)
+        result = self._outcome(geometry, population, scene, name, **releases)
         return self._judged(result.row, population)
 
     def _settings(self, geometry: Geometry, population: Population, scene: Scene) -> dict:
@@ -194,7 +185,6 @@ class Simulator:
         self, geometry, population, scene: Scene, name: str, settings: Mapping, recorded: bool
     ) -> None:
         """Simulate an outcome and write its tables, and the shapes of its first release."""
-        from dldsim.experiments.array_outcome import simulate_outcome
         from dldsim.experiments.vtk import Recorder, write_vtkhdf
 
         files, shapes = self._files(name)
@@ -211,7 +201,18 @@ class Simulator:
                 recorder = None
             partial.keep(place, result)
 
-        result = simulate_outcome(
+        releases = {"finished": finished, "keep": keep, "observe": recorder}
+        result = self._outcome(geometry, population, scene, name, **releases)
+        write_outcome(result, files, settings)
+        partial.remove()
+
+    def _outcome(
+        self, geometry, population, scene: Scene, name: str, **releases
+    ) -> "OutcomeResult":
+        """`simulate_outcome` of a cell type in a scene; ``releases``: what is done with each."""
+        from dldsim.experiments.array_outcome import simulate_outcome
+
+        return simulate_outcome(
             geometry,
             population.stiffness,
             self._cell(population),
@@ -221,13 +222,9 @@ class Simulator:
             outcome_id=name,
             stiffness_set=name.rpartition("_s")[2],
             empty_flow=self._empty_flow(geometry, scene),
-            finished=finished,
-            keep=keep,
-            observe=recorder,
             progress=self._told(name),
+            **releases,
         )
-        write_outcome(result, files, settings)
-        partial.remove()
 
     def _at(self, geometry: Geometry, height_um: float, finer: bool) -> Scene:
         from dldsim.solver.pillars import next_finer
