@@ -296,7 +296,7 @@ def settings_of_outcomes(outcomes: pd.DataFrame) -> dict[str, Any]:
     and for values that no configuration can have.
     """
     for name in (*CELL_COLUMNS.values(), *FLOW_COLUMNS, *COLUMN_OF.values()):
-        if outcomes[name].nunique(dropna=False) != 1:
+        if outcomes[name].nunique() > 1:
             raise DldsimError(
                 f"The table of outcomes mixes several values of {name}: designs are "
                 "made from outcomes of one cell, channel and velocity.",

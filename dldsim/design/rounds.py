@@ -290,7 +290,7 @@ def _height_runs(
             task.surrogate, request, populations, task.chip.at(changed), task.seed, task.sources
         )
         height = changed.height_um
-        found = simulate_pair(simulate, geometry, populations, height, False, each, True)
+        found = simulate_pair(simulate, geometry, populations, height, each=each, other_height=True)
         outcomes += found
         records += [
             {
