@@ -10,5 +10,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 
 __version__ = "0.1.0"
 
-PHYSICS_VERSION = 6
-"""Raised whenever a change of the simulator changes trajectories; a raise reruns simulations."""
+PHYSICS_VERSION = 7
+"""Raised whenever a change of the simulator changes trajectories, or what is measured on them; a
+raise reruns simulations."""

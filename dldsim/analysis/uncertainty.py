@@ -3,8 +3,8 @@
 Where the bump lane is far from appearing or vanishing, the numerics change an angle by a small
 share of the bump angle. Near the transition they decide the mode. How near is told by the
 transition distance d (largest lateral step of a row in row shifts minus one) against the error σ_d
-that it was seen to have on that side of the transition: the two sides are told apart since a cell
-that rests in the bump lane shows little of the row map. The mode is wrong with probability
+that it was seen to have on that side of the transition: in the bump lane d is its depth, on the
+other side the peaks of the row map that a path has seen. The mode is wrong with probability
 p = Φ(−|d|/σ_d), and
 
     σ_num² = (h/1.96)² + (c θ_bump)² + v Δ²,

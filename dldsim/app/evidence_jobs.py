@@ -36,6 +36,7 @@ def accuracy_job(
                 run_id=identifier,
                 outcome_id=variant.run,
                 stiffness_set=settings["stiffness_set"],
+                probe=False,
                 progress=progress,
             )
         else:
@@ -83,7 +84,7 @@ def _known_of_run(identifier: str, outcome: str, settings: Mapping) -> dict:
         "mode": "none",
         "rows_completed": 0,
         "orbit_rows": 0,
-        "lateral_steps_um": [],
+        **dict.fromkeys(("lateral_steps_um", "probe_offsets", "probe_steps"), []),
         "left_out": "",
     }
 

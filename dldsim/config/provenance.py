@@ -74,7 +74,7 @@ def check_stamp(directory: Path) -> None:
     if physics != PHYSICS_VERSION:
         raise DldsimError(
             f"{directory} holds results of physics version {physics} (dldsim {version}); this is "
-            f"version {PHYSICS_VERSION} (dldsim {__version__}), whose trajectories differ.",
+            f"version {PHYSICS_VERSION} (dldsim {__version__}), whose results differ.",
             key=str(path),
             value=physics,
             allowed=str(PHYSICS_VERSION),

@@ -291,6 +291,7 @@ def _attempt(point: Point, config: Config, time_step: str) -> dict:
             control=RunControl(max_rows=point.rows),
             run_id=point.label,
             stiffness_set=point.set,
+            probe=False,
         ).row
     except DldsimError as error:
         return row | {"outcome": "refused", "reason": str(error)}

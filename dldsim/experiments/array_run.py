@@ -13,10 +13,11 @@ from dldsim.config.limits import check_time
 from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_scene import check_flow, left_out, make_scene
+from dldsim.experiments.lane_depth import in_bump_lane, probe_lane, with_depth
 from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.experiments.recording import Record
 from dldsim.experiments.runner import Patience, Progress, Stop, advance_until, again_if_unstable
-from dldsim.experiments.settled import AT_REST, SettledCell, row_origin, sections_of, settled_cell
+from dldsim.experiments.settled import SettledCell, row_origin, sections_of, settled_cell
 from dldsim.experiments.settling import analyse_path
 from dldsim.solver.flow import EmptyFlow, solve_empty_array
 from dldsim.solver.observe import Sample, deformation_index
@@ -62,6 +63,7 @@ def simulate_run(
     empty_flow: EmptyFlow | None = None,
     others: Sequence[Migration] = (),
     start: SettledCell | None = None,
+    probe: bool = True,
     observe: Callable[[CellInFlow, Record], None] | None = None,
     progress: Progress = None,
 ) -> RunResult:
@@ -71,8 +73,8 @@ def simulate_run(
     releases of it, in µm, whose passes count where they are alike (`settling.analyse_path`).
     ``start``: the cell goes on from there, as on another lattice, not from its release; the time
     step is that of a release. Such a run has no first period, and its place of release is where its
-    path begins. One that rests in the bump lane has no transition distance either: it has seen its
-    place of rest of the row map, and nothing else.
+    path begins. ``probe``: find out how deep the bump lane is that a cell has settled in
+    (`lane_depth`), unless one of the ``others`` has; without, its transition distance is None.
 
     ``observe`` is called after every sample that is recorded, with the scene as it is then, and
     with another record where the run began anew with a shorter time step.
@@ -94,6 +96,7 @@ def simulate_run(
         empty_flow,
         others,
         start,
+        probe,
         observe,
         progress,
     )
@@ -113,6 +116,7 @@ def _simulate(
     empty_flow,
     others,
     settled,
+    probe,
     observe,
     progress,
     shorter,
@@ -190,15 +194,23 @@ def _simulate(
     stop = advance_until(
         scene, chunk, watch, patience=row_patience(array, numerics), progress=progress, where=where
     )
-    times = time.perf_counter() - loop, time.thread_time() - processor
-    migration = analyse()
+    migration, probes, back = analyse(), [], []
     if stop.status in (STUCK, UNSTABLE):
         migration, left = broken_off(*stop, migration.lateral_steps), None
     else:
-        if settled and migration.status == AT_REST:
+        if in_bump_lane(migration) and not probe:
             migration = replace(migration, transition_distance=None)
+        elif in_bump_lane(migration):
+            known = [other.row_map_peak for other in others if in_bump_lane(other)]
+            if not known:
+                shift = float(array.row_shift)
+                probes = probe_lane(scene, float(array.pitch), shift, row_steps, chunk, progress)
+            back = [one for one in probes if one.comes_back]
+            migration = with_depth(migration, known + [one.step for one in back])
         before = np.array([path.x[-2], path.y[-2]])
         left = told_of(settled_cell(scene, array, path.rows, before, sections), migration)
+    times = time.perf_counter() - loop, time.thread_time() - processor
+    steps = scene.steps + sum(one.steps for one in probes)
     row = {
         "run_id": run_id,
         **known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, wanted),
@@ -208,7 +220,9 @@ def _simulate(
         **{name: getattr(migration, name) for name in MIGRATION},
         "rows_completed": path.rows,
         "lateral_steps_um": migration.lateral_steps.tolist(),
-        **cost_and_quality(scene, record, *times),
+        "probe_offsets": [one.offset for one in back],
+        "probe_steps": [one.step for one in back],
+        **cost_and_quality(scene, record, steps, *times),
         "pitch_nodes": array.pitch,
         "row_shift_nodes": array.row_shift,
         "height_on_lattice_um": array.height_um,
@@ -322,24 +336,24 @@ def known_of(
 
 
 def cost_and_quality(
-    scene: CellInFlow, record: Record, wall_time_s: float, processor_time_s: float
+    scene: CellInFlow, record: Record, steps: int, wall_time_s: float, processor_time_s: float
 ) -> dict:
-    """Columns of `runs` about cost, conservation and numbers of the run."""
+    """Columns of `runs` about cost, conservation and numbers of the run; ``steps``: all taken."""
     nodes = scene.fluid.lattice.nodes
     mean = record.column("mean_velocity")[1:]
     flux = mean[:, 1].mean() / mean[:, 0].mean() if len(mean) else 0.0
     clearance = float(record.column("clearance").min()) * record.units.spacing_um
     index, _, _ = deformation_index(*record.extents_um().T[:2])
     return {
-        "steps": scene.steps,
+        "steps": steps,
         "nodes": nodes,
         "vertices": scene.vertices,
         "spacing_um": record.units.spacing_um,
         "time_step_us": record.units.time_step_us,
         "wall_time_s": wall_time_s,
         "processor_time_s": processor_time_s,
-        "ms_per_step": wall_time_s / scene.steps * 1e3,
-        "mlups": nodes * scene.steps / wall_time_s / 1e6,
+        "ms_per_step": wall_time_s / steps * 1e3,
+        "mlups": nodes * steps / wall_time_s / 1e6,
         "reynolds_number": record.units.reynolds_number(scene.radius_um),
         "mach_max": float(record.column("speed_max").max()) * math.sqrt(3),
         "lateral_flux_ratio": float(flux),

@@ -53,9 +53,9 @@ class Migration:
     motion, bounds that include the bump angle where the bump lane may still catch it.
     ``first_period_angle_deg``: angle of the first N_p rows, the source's protocol.
     ``orbit_rows``: p, or 0. ``settled_row``: row from which the settled motion holds.
-    ``row_map_peak``: largest step on the row map in row shifts, transient left out.
-    ``transition_distance``: how far the map's peak lies above (bump lane) or below one row shift;
-    above it is a lower bound, for a cell at rest sees little of the map.
+    ``row_map_peak``: largest step on the row map in row shifts, transient left out; in the bump
+    lane also of those that `lane_depth` has tried.
+    ``transition_distance``: how far the map's peak lies above (bump lane) or below one row shift.
     ``capture_chance``: chance per row that the bump lane catches a motion that is not on it.
     ``lateral_steps`` (rows,) and ``lateral_start``, the first position: in the units of the
     positions.

@@ -121,7 +121,7 @@ def in_the_lane_of(
                     0,
                     entry,
                     peak,
-                    peak - 1,
+                    max(peak - 1, other.transition_distance),
                     0.0,
                 ),
                 m,
@@ -193,8 +193,7 @@ def next_release(
 ) -> float | None:
     """The next place of release to simulate, in the given order, or None if the outcome is known.
 
-    Two releases that agree are enough where both are far from the transition: a bump lane whose map
-    exceeds one row shift by the least scatter of the row map, or peaks below it by the most.
+    Two releases that agree are enough where both are far from the transition.
     """
     left = [place for place in places if place not in migrations]
     if not left:
@@ -206,4 +205,4 @@ def next_release(
 
 def far(distance: float | None) -> bool:
     """Whether at this transition distance no scatter of the row map would change the motion."""
-    return distance is not None and (distance >= MAP_SCATTER[0] or distance <= -MAP_SCATTER[1])
+    return distance is not None and abs(distance) >= MAP_SCATTER[1]

@@ -68,8 +68,7 @@ class SettledCell:
         """Whether a finer run may go on with it, and need not release the cell.
 
         Near the transition where a cell is released decides its motion, and what goes on is no
-        release. At rest in the bump lane a cell does not show its distance from the transition, and
-        a release takes hardly longer.
+        release. A cell at rest in the bump lane has to rest there for as many rows in any case.
         """
         return self.status != AT_REST and far(self.transition_distance)
 

@@ -29,17 +29,19 @@ LONGEST_VIEW = 14
 
 
 def row_map(run) -> tuple[np.ndarray, np.ndarray]:
-    """Position before each row and its lateral step, (rows,) each.
+    """Position before each row and its lateral step, (rows + probes,) each; probes last.
 
     Positions midway between rows are heights over the gap: 0 to 1 in the gap, −2 P_r/P_g to 0
     behind its lower pillar. Steps are in row shifts.
     """
     total = cumulated_row_shifts(run)
-    rows = np.arange(len(total) - 1)
+    seen = total - np.arange(len(total))
+    seen = np.concatenate([seen[:-1], seen[-1] - np.asarray(run["probe_offsets"], dtype=float)])
     row_shift = run["pitch_um"] * run["row_shift_fraction"]
-    height = run["release_gap_fraction"] + (total[:-1] - rows) * row_shift / run["gap_um"]
+    height = run["release_gap_fraction"] + seen * row_shift / run["gap_um"]
     pillar = 2 * run["pillar_radius_um"] / run["gap_um"]
-    return (height + pillar) % (1 + pillar) - pillar, np.diff(total)
+    steps = np.concatenate([np.diff(total), np.asarray(run["probe_steps"], dtype=float)])
+    return (height + pillar) % (1 + pillar) - pillar, steps
 
 
 def cumulated_row_shifts(run) -> np.ndarray:
@@ -298,7 +300,8 @@ def draw_row_maps(runs: pd.DataFrame) -> Figure:
     """Lateral step of each row against the position in the gap, a panel per geometry.
 
     Nearly a curve per run. Where it reaches one row shift there is a bump lane; how far it stays
-    below is the distance from the transition.
+    below is the distance from the transition. Circles: from nearer to the pillar than where the
+    cell rests (`lane_depth`).
     """
     panels = list(runs.groupby(GEOMETRY))
     columns = min(3, len(panels))
@@ -311,13 +314,18 @@ def draw_row_maps(runs: pd.DataFrame) -> Figure:
         axes.axhline(1, linestyle=":", color="black", linewidth=1)
         for _, run in group.iterrows():
             height, steps = row_map(run)
+            rows = len(run["lateral_steps_um"])
+            colour = colours[run["run_id"]]
             axes.plot(
-                height,
-                steps,
+                height[:rows],
+                steps[:rows],
                 ".",
-                color=colours[run["run_id"]],
+                color=colour,
                 markersize=4,
                 label=f"set {run['stiffness_set']}, {run['release_gap_fraction']:g}",
+            )
+            axes.plot(
+                height[rows:], steps[rows:], "o", color=colour, markersize=4, fillstyle="none"
             )
         axes.set(xlim=(-2 * radius / gap, 1), xlabel="height in gap (grey: pillar)")
         axes.set_title(f"$P_r$ = {radius:g}, $P_g$ = {gap:g} µm, $N_p$ = {periodicity}")

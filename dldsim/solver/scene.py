@@ -287,6 +287,11 @@ class CellInFlow:
                 )
         self._follow()
 
+    def shift(self, displacement) -> None:
+        """Move the cell as it is by ``displacement`` (3,), where it takes the fluid's velocity."""
+        self.body.x[:] += np.asarray(displacement)
+        self._follow()
+
     def _follow(self) -> None:
         """Give the vertices the velocity of the fluid where they are."""
         body = self.body

@@ -76,7 +76,7 @@ def read_columns(kind: str, path: Path) -> pa.Table:
         raise DldsimError(
             f"{path} was made by physics version {metadata['physics_version']} (dldsim "
             f"{metadata['dldsim_version']}); this is version {PHYSICS_VERSION} (dldsim "
-            f"{__version__}), whose trajectories differ.",
+            f"{__version__}), whose results differ.",
             key=str(path),
             value=metadata["physics_version"],
             allowed=str(PHYSICS_VERSION),

@@ -80,6 +80,13 @@ TABLES = {
             real("capture_chance", "1", "chance per row to be caught by the bump lane"),
         ),
         Column("lateral_steps_um", pa.list_(FLOAT), "µm", "lateral step of each row"),
+        Column(
+            "probe_offsets",
+            pa.list_(FLOAT),
+            "row shifts",
+            "how much nearer to the pillar a cell in the bump lane was put, and came back",
+        ),
+        Column("probe_steps", pa.list_(FLOAT), "row shifts", "its lateral step from there"),
         COST[0],
         *optional(
             count("nodes", "fluid nodes"),

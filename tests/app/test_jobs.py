@@ -98,6 +98,7 @@ def release(place, rows=4, lane=True):
         "rows_completed": rows,
         "orbit_rows": int(lane),
         "lateral_steps_um": [7.5] * rows,
+        **dict.fromkeys(("probe_offsets", "probe_steps"), []),
         "left_out": "",
         "steps": 100,
         "wall_time_s": 2.0,

@@ -165,7 +165,7 @@ def test_one_release_that_is_not_settled(other, status, share_none):
 
 def test_next_release():
     places = (0.5, 0.2, 0.8)
-    far, near = one(), one(distance=0.02)
+    far, near = one(distance=0.4), one(distance=0.2)
     assert next_release({}, places, N) == 0.5
     assert next_release({0.5: far}, places, N) == 0.2
     assert next_release({0.5: far, 0.2: far}, places, N) is None

@@ -83,6 +83,8 @@ def make_run(radius, gap, periodicity, name, rng, status=None, place=0.5) -> tup
         "rows_completed": rows,
         "orbit_rows": {"converged": 1, "periodic": periodicity}.get(status, 0),
         "lateral_steps_um": list(steps),
+        "probe_offsets": [0.2, 0.1] if mode == "bump" else [],
+        "probe_steps": [1.2, 1.1] if mode == "bump" else [],
         "steps": 1300 * rows,
         "nodes": 30_000,
         "vertices": 642,

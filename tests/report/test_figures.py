@@ -42,6 +42,8 @@ def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
         "pillar_radius_um": 9.0,
         "gap_um": 18.0,
         "release_gap_fraction": 0.5,
+        "probe_offsets": [],
+        "probe_steps": [],
     }
     height, steps = trajectory_figures.row_map({**run, "lateral_steps_um": [4.5] * 6})
     assert height.tolist() == pytest.approx([0.5] * 6) and steps.tolist() == pytest.approx([1] * 6)
@@ -50,6 +52,11 @@ def test_row_map_of_a_bump_is_a_point_and_of_a_straight_path_a_line():
     expected = [0.5, 0.25, 0.0, -0.25, -0.5, -0.75, -1.0, 0.75, 0.5]
     assert (height - expected) % 2 == pytest.approx(0, abs=1e-9)
     assert ((-1 <= height) & (height <= 1)).all() and not steps.any()
+    # A row shift, a quarter of the gap, nearer to the pillar than where it bumps.
+    probes = {"lateral_steps_um": [4.5] * 2, "probe_offsets": [1.0], "probe_steps": [1.2]}
+    height, steps = trajectory_figures.row_map(run | probes)
+    assert height.tolist() == pytest.approx([0.5, 0.5, 0.25])
+    assert steps.tolist() == pytest.approx([1, 1, 1.2])
 
 
 def test_row_maps_show_every_row_of_every_run():
@@ -61,16 +68,19 @@ def test_row_maps_show_every_row_of_every_run():
         "periodicity": 8,
         "stiffness_set": "1",
         "release_gap_fraction": 0.5,
+        "probe_offsets": [],
+        "probe_steps": [],
     }
     steps = [1.0, 2.0, 4.5]
+    probes = {"probe_offsets": [0.2, 0.1], "probe_steps": [1.2, 1.1]}
     runs = [
-        {**row, "run_id": "a", "lateral_steps_um": steps},
+        {**row, "run_id": "a", "lateral_steps_um": steps, **probes},
         {**row, "run_id": "b", "lateral_steps_um": steps[:2]},
         {**row, "run_id": "c", "gap_um": 20.0, "lateral_steps_um": steps},
     ]
     figure = trajectory_figures.draw_row_maps(pd.DataFrame(runs))
     points = [[len(line.get_xdata()) for line in axes.lines[1:]] for axes in figure.axes]
-    assert points == [[3, 2], [3]]
+    assert points == [[3, 2, 2, 0], [3, 0]]
 
 
 def test_gap_height_is_constant_when_the_cell_follows_the_rows():

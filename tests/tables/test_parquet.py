@@ -233,6 +233,7 @@ def test_csv_twin_writes_lists_as_json(path):
     blank = {c.name: 0 for c in COLUMNS["runs"]}
     blank |= {c.name: "" for c in COLUMNS["runs"] if c.type == pa.string()}
     lists = {"lateral_steps_um": [1.5, -2.0], "incurable": ["μU is too large"]}
+    lists |= {"probe_offsets": [0.8], "probe_steps": []}
     write_table("runs", [blank | lists], path, ABOUT)
     frame = pd.read_csv(parquet.write_csv("runs", path))
     assert json.loads(frame.lateral_steps_um[0]) == [1.5, -2.0]
