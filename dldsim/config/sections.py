@@ -256,7 +256,8 @@ class RunControl(Section):
         8,
         ge=2,
         le=1000,
-        description="rows that a cell rests in the bump lane until it counts as settled",
+        description="rows that a cell rests in a bump lane that is not deep until it counts as "
+        "settled",
     )
     mean_tolerance: float = Field(
         0.1,

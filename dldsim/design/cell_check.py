@@ -170,7 +170,6 @@ def _run(drawn: Drawn, setting: Setting, flow: Path, path: Path) -> dict:
             run_id=name,
             stiffness_set=name.rpartition("_s")[2],
             empty_flow=EmptyFlow.load(flow),
-            probe=False,
         ).row
     except NoRoom as error:
         return {"status": "does not fit", "stop_reason": str(error)}

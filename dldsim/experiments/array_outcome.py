@@ -124,7 +124,7 @@ def simulate_outcome(
                 Cell(**cell.model_dump() | {"release_gap_fraction": place}),
                 flow,
                 numerics,
-                control.model_copy(update={"max_rows": min(control.max_rows, left)}),
+                rows_of(control, place, left, geometry.periodicity),
                 run_id=release_id(outcome_id, place),
                 outcome_id=outcome_id,
                 stiffness_set=stiffness_set,
@@ -169,6 +169,15 @@ def simulate_outcome(
         if one.status in SETTLED and (cell := runs[stands.get(place, place)].cell)
     }
     return OutcomeResult(row, runs, ", ".join(sorted(begun)), settled)
+
+
+def rows_of(control: RunControl, place: float, left: int, periodicity: int) -> RunControl:
+    """Run control of a release with ``left`` rows: the source's has its first period whole."""
+    most = min(control.max_rows, left)
+    least = periodicity if place == MID_GAP else 0
+    return control.model_copy(
+        update={"max_rows": most, "min_rows": min(max(control.min_rows, least), most)}
+    )
 
 
 def first_of_motion(starts: Mapping[float, SettledCell]) -> dict[float, float]:

@@ -16,7 +16,6 @@ import numpy as np
 from dldsim.experiments.migration import Migration
 from dldsim.experiments.runner import Progress
 from dldsim.solver.scene import CellInFlow
-from dldsim.vocabulary import BUMP, SETTLED
 
 FARTHEST = 0.8
 """Largest offset, in row shifts: a cell that comes back from there is far from the transition."""
@@ -26,6 +25,8 @@ FALLEN = 0.5
 """Row shifts below its start from which a cell does not come back: the next pillar lifts those."""
 PATIENCE = 4.0
 """Rows that the mean flow passes while a cell crosses one, at most."""
+LOOKS = 2
+"""Offsets without a way back after which a lane is too shallow for one who only asks for depth."""
 
 
 class Probe(NamedTuple):
@@ -42,11 +43,6 @@ class Probe(NamedTuple):
         return self.step is not None and self.step > 1
 
 
-def in_bump_lane(migration: Migration) -> bool:
-    """Whether a motion has settled in the bump lane."""
-    return migration.status in SETTLED and migration.mode == BUMP
-
-
 def probe_lane(
     scene: CellInFlow,
     pitch: float,
@@ -54,13 +50,14 @@ def probe_lane(
     row_steps: float,
     chunk: int,
     progress: Progress = None,
+    hopeful: bool = True,
 ) -> list[Probe]:
     """Offsets tried from the present state of a ``scene``, which stays as it is.
 
     Begins with FARTHEST. Where the cell does not come back, the interval between the smallest such
     offset and the largest from which it does is halved, PROBES - 1 times. ``pitch``, ``row_shift``:
     nodes; ``row_steps``: time steps in which the mean flow passes a row; ``chunk``: even number of
-    them between two looks.
+    them between two looks. Not ``hopeful``: LOOKS offsets without a way back are enough.
     """
     found: list[Probe] = []
     holds, fails, offset = 0.0, FARTHEST, FARTHEST
@@ -74,7 +71,14 @@ def probe_lane(
             )
         holds, fails = (offset, fails) if back else (holds, offset)
         offset = (holds + fails) / 2
+        if not hopeful and len(found) == LOOKS and holds == 0:
+            break
     return found
+
+
+def depth_of(probes: Sequence[Probe]) -> float | None:
+    """Largest step of those that come back, less one; None if none does."""
+    return max((one.step - 1 for one in probes if one.comes_back), default=None)
 
 
 def _one_row(

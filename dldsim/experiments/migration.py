@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dldsim.vocabulary import BUMP, SETTLED
+
 BUMP_FROM, ZIGZAG_TO = 0.9, 0.1
 """Shares of the full bump displacement that separate bump, mixed and zigzag mode."""
 
@@ -79,6 +81,11 @@ class Migration:
     def positions(self) -> np.ndarray:
         """Lateral positions (rows + 1,)."""
         return self.lateral_start + np.concatenate([[0.0], np.cumsum(self.lateral_steps)])
+
+    @property
+    def in_bump_lane(self) -> bool:
+        """Whether the motion has settled there."""
+        return self.status in SETTLED and self.mode == BUMP
 
 
 def framed(m: np.ndarray) -> np.ndarray:

@@ -36,6 +36,8 @@ STILL_WITHIN = 0.25
 """A cell rests in the bump lane if it moves by less than this, in row shifts."""
 LANE_WIDTH = 1.0
 """A cell that stays within so many row shifts may be in the bump lane."""
+LANE_ROWS = 3
+"""Rows that a cell has stayed in what may be the bump lane before that is tried."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,20 @@ def analyse_path(
     periodicity: int,
     control: RunControl,
     others: Sequence[Migration] = (),
+    depth: float | None = None,
 ) -> Migration:
     """Migration of a cell from its lateral positions at the row crossings (rows + 1,).
 
     ``others``: other releases of the same cell in the same array, in the same unit; where they fall
-    through lane after lane alike, their passes count as well. Nothing is decided before the first
-    array period is complete.
+    through lane after lane alike, their passes count as well. ``depth``: of the bump lane, as it
+    was tried from the last position. Unless that decides, nothing is decided before the first array
+    period is complete.
     """
     steps = np.diff(lateral)
     rows = len(steps)
+    m = steps * periodicity / pitch
+    if found := held(m, control, depth):
+        return as_migration(found, m, lateral, periodicity)
     if rows < periodicity:
         return Migration(
             "undecided",
@@ -76,9 +83,9 @@ def analyse_path(
             lateral_steps=steps,
             lateral_start=float(lateral[0]) if len(lateral) else 0.0,
         )
-    m = steps * periodicity / pitch
     found = (
-        resting(m, control)
+        held_as_others(m, periodicity, control, others)
+        or resting(m, control)
         or repeating(m, periodicity, control)
         or swinging(m, periodicity, control)
         or passing(m, periodicity, control, falling(others, pitch, periodicity))
@@ -97,7 +104,7 @@ def as_migration(found: Motion, m: np.ndarray, lateral: np.ndarray, periodicity:
         angle,
         angle_of(found.low, periodicity),
         angle_of(found.high, periodicity),
-        angle_of(m[:periodicity].mean(), periodicity),
+        angle_of(m[:periodicity].mean(), periodicity) if len(m) >= periodicity else None,
         found.orbit_rows,
         found.settled_row,
         found.peak,
@@ -118,6 +125,54 @@ def lane_entry(m: np.ndarray, tolerance: float) -> int | None:
     start = len(m) + 1 - int(np.count_nonzero(width <= LANE_WIDTH))
     full = np.flatnonzero(m[start:] >= 1 - tolerance)
     return start + int(full[0]) if len(full) else None
+
+
+def rows_in_lane(m: np.ndarray, tolerance: float) -> int:
+    """Rows since `lane_entry`; 0 outside the bump lane."""
+    entry = lane_entry(m, tolerance)
+    return 0 if entry is None else len(m) - entry
+
+
+def held(m: np.ndarray, control: RunControl, depth: float | None) -> Motion | None:
+    """A bump lane that the scatter of the row map cannot open.
+
+    Put nearer to the pillar the cell has come back, by ``depth`` above one row shift, the most
+    scatter of the map or more: from there to where it is no shape or orientation lets it fall.
+    """
+    entry = lane_entry(m, control.orbit_tolerance)
+    if entry is None or depth is None or depth < MAP_SCATTER[1]:
+        return None
+    return _held(m, entry, depth, "put nearer to the pillar it comes back")
+
+
+def held_as_others(
+    m: np.ndarray, periodicity: int, control: RunControl, others: Sequence[Migration]
+) -> Motion | None:
+    """A path that has kept to one lane for N_p and ``still_rows`` rows, where it is known from
+    other releases that the lane is so deep."""
+    depths = [other.transition_distance for other in others if other.in_bump_lane]
+    depth = max((known for known in depths if known is not None), default=0.0)
+    rows = rows_in_lane(m, control.orbit_tolerance)
+    if depth < MAP_SCATTER[1] or rows < max(periodicity, control.still_rows):
+        return None
+    return _held(m, len(m) - rows, depth, "another release comes back from nearer to the pillar")
+
+
+def _held(m: np.ndarray, entry: int, depth: float, why: str) -> Motion:
+    off = float(np.ptp(framed(m)[entry:])) / (len(m) - entry)
+    return Motion(
+        "converged",
+        f"held by the bump lane since row {entry}: {why}, by {depth:.2f} row shifts per row, as "
+        "much as shape and orientation scatter the row map or more",
+        1.0,
+        1 - off,
+        1 + off,
+        1,
+        entry,
+        1 + depth,
+        depth,
+        0.0,
+    )
 
 
 def resting(m: np.ndarray, control: RunControl) -> Motion | None:

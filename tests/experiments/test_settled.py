@@ -69,7 +69,8 @@ def test_on_the_same_lattice_a_settled_motion_goes_on(coarse):
     width += row["angle_high_deg"] - row["angle_low_deg"]
     assert abs(row["migration_angle_deg"] - first["migration_angle_deg"]) <= width / 2
     assert row["mode"] == first["mode"] == ("bump" if geometry is BUMPS else "zigzag")
-    assert row["rows_completed"] <= first["rows_completed"]
+    again_tried = CONTROL.still_rows if geometry is BUMPS else 0  # the lane, in another phase
+    assert row["rows_completed"] <= first["rows_completed"] + again_tried
     assert "begun with the settled cell" in row["stop_reason"]
     assert row["first_period_angle_deg"] is None
     assert (row["transition_distance"] > 0) == (row["mode"] == "bump")

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from dldsim.config.sections import RunControl
+from dldsim.experiments.migration import Migration
 from dldsim.experiments.passes import CONFIDENCE
-from dldsim.experiments.settling import analyse_path
+from dldsim.experiments.settling import LANE_ROWS, MAP_SCATTER, analyse_path, rows_in_lane
 from dldsim.vocabulary import SETTLED
 
 PITCH, N = 30.0, 10
@@ -71,8 +73,64 @@ def test_a_lane_is_reached_from_everywhere(start):
     assert result.settled_row < rows
 
 
+@given(st.integers(0, 10_000), st.floats(0.31, 1.0), st.floats(0.0, N))
+def test_what_a_deep_lane_holds_it_holds_for_good(seed, depth, start):
+    """However shape and orientation move the map, within the scatter that is allowed for."""
+    rng = np.random.default_rng(seed)
+    z, steps = start, []
+    for _ in range(300):
+        m = 1 + depth - 2 * (1 - math.cos(2 * math.pi * z / N))
+        steps.append(m + MAP_SCATTER[1] * rng.uniform(-1, 1))
+        z += steps[-1] - 1
+    steps = np.array(steps)
+    rows = next(
+        (k for k in range(1, 301) if rows_in_lane(steps[:k], 0.03) >= LANE_ROWS and k >= 3), None
+    )
+    if rows is None:
+        return
+    found = analyse_path(path_of(steps[:rows]), PITCH, N, CONTROL, depth=depth)
+    assert (found.status, found.mode) == ("converged", "bump")
+    assert (found.transition_distance, found.row_map_peak) == (depth, 1 + depth)
+    after = np.cumsum(steps[rows:] - 1)
+    assert after.min() > -N / 2  # no fall through the lane
+
+
+def test_depth_decides_before_the_first_period_and_shallow_depth_does_not():
+    steps = circle(1.5, 1.5, 1.8, 6)
+    deep = analyse_path(path_of(steps), PITCH, N, CONTROL, depth=0.5)
+    assert (deep.status, deep.migration_angle_deg) == ("converged", angle_of_mean(1))
+    assert deep.first_period_angle_deg is None  # not whole
+    assert deep.angle_low_deg <= deep.migration_angle_deg <= deep.angle_high_deg
+    for depth in (None, 0.29):
+        assert analyse_path(path_of(steps), PITCH, N, CONTROL, depth=depth).status == "undecided"
+    falls = analyse_path(path_of(np.full(6, 0.2)), PITCH, N, CONTROL, depth=0.5)
+    assert falls.status == "undecided"  # not in the lane where it was tried
+
+
+def test_a_lane_that_another_release_knows_to_be_deep_holds_what_stays_for_a_period():
+    swings = np.concatenate([[1.0, 1.0], 1 + 0.25 * np.sin(np.arange(11.0))])  # neither rest, nor
+    known = Migration(  # enough swings to be sure
+        "converged",
+        "",
+        "bump",
+        row_map_peak=1.4,
+        transition_distance=0.4,
+        lateral_steps=np.full(N, SHIFT),
+    )
+    control = CONTROL.model_copy(update={"still_rows": 4})
+
+    def status(rows, *others):
+        return analyse_path(path_of(swings[-rows:]), PITCH, N, control, others).status
+
+    assert status(N, known) == "converged"
+    assert status(N) == status(N, replace(known, transition_distance=0.2)) == "undecided"
+    assert status(N, replace(known, mode="zigzag")) == "undecided"
+    assert status(N - 1, known) == "undecided"  # less than a period
+
+
 def test_first_period_is_that_of_the_release():
     steps = circle(1.3, 1.5, -1.0, 40)
+    assert analyse(path_of(steps[: N - 1])).first_period_angle_deg is None
     assert analyse(path_of(steps)).first_period_angle_deg == pytest.approx(
         angle_of_mean(steps[:N].mean())
     )
