@@ -112,7 +112,7 @@ def test_the_numbers_on_trust_are_those_of_the_packaged_data():
     data = ROOT / "dldsim" / "data"
     outcomes = read_table("outcomes", data / "campaign" / "outcomes.parquet")
     card = json.loads((data / "campaign" / "surrogate_card.json").read_text())
-    sigma = json.loads((data / "reference_outcomes" / "sigma_num.json").read_text())
+    sigma = json.loads((data / "reference_outcomes" / "biconcave" / "sigma_num.json").read_text())
     shut = outcomes[~outcomes["mode_open"].astype(bool)]["sigma_num_deg"]
     coexisting = (outcomes["status"] == "coexisting").sum()
     by = [card["scores_by_geometry"], *map(card["scores_by_shape"].get, ("biconcave", "sphere"))]

@@ -34,7 +34,11 @@ Pair = tuple[Row, Row]
 """Rows of `outcomes` of one pair: at the campaign's numerics, at the reference's."""
 
 KIND = "dldsim model of the numerical uncertainty by transition distance"
-MODEL_PATH = Path(__file__).parents[1] / "data" / "reference_outcomes" / "sigma_num.json"
+STUDIES = Path(__file__).parents[1] / "data" / "reference_outcomes"
+"""Studies that come with the package, a folder for each shape of cells."""
+MODEL = "sigma_num.json"
+USUAL_SHAPE = "biconcave"
+"""Of whose study σ_num is where a shape has none of its own, and then called extrapolated."""
 ONE_SIGMA = 0.6827
 OF_95_PERCENT = 1.96
 """Half width of a normal 95 % interval over its standard deviation."""
@@ -272,10 +276,15 @@ def _differing(studied: Mapping, found: Mapping) -> list[str]:
     ]
 
 
-def with_uncertainty(outcomes, model: Mapping[str, Any] | None):
-    """A DataFrame of `outcomes` with its columns SIGMA filled."""
+def model_of(row: Row, models: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Of ``models``, by shape of cells, that which a row of `outcomes` or `runs` is judged by."""
+    return models.get(row["cell_shape"], models.get(USUAL_SHAPE))
+
+
+def with_uncertainty(outcomes, models: Mapping[str, Mapping[str, Any]]):
+    """A DataFrame of `outcomes` with its columns SIGMA filled; ``models``: as of `read_models`."""
     rows = outcomes.astype(object).where(outcomes.notna(), None).to_dict("records")
-    found = [numerical_uncertainty(row, model) for row in rows]
+    found = [numerical_uncertainty(row, model_of(row, models)) for row in rows]
     columns = {name: [values[name] for values in found] for name in SIGMA}
     columns["sigma_num_deg"] = [
         float("nan") if sigma is None else sigma for sigma in columns["sigma_num_deg"]
@@ -382,27 +391,31 @@ def closing_sentence(rows: Sequence[Row]) -> str:
 # ------------------------------------------------------------------------------------------ files
 
 
-def read_model(path: Path = MODEL_PATH) -> dict[str, Any] | None:
-    """The model that comes with the package; None where none has been installed.
+def read_models(studies: Path = STUDIES) -> dict[str, dict[str, Any]]:
+    """The models that come with the package, by shape of cells.
 
     Raises DldsimError for a file that is no such model.
     """
-    if not Path(path).exists():
-        return None
+    found = [read_model(path) for path in sorted(Path(studies).glob(f"*/{MODEL}"))]
+    return {model["conditions"]["cell_shape"]: model for model in found}
+
+
+def read_model(path: Path) -> dict[str, Any]:
+    """The model of one study. Raises DldsimError for a file that is none."""
     try:
         model = json.loads(Path(path).read_text(encoding="utf-8"))
         kind = model["kind"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise DldsimError(f"{path} is damaged: {error!r}. {REMEDY}") from error
     if kind != KIND:
         raise DldsimError(f"{path} is no {KIND}. {REMEDY}")
     return model
 
 
-def model_hash(path: Path = MODEL_PATH) -> str | None:
-    """Hash of the installed model: outcomes are gathered anew when another is installed."""
-    model = read_model(path)
-    return model and settings_hash(model)
+def models_hash(studies: Path = STUDIES) -> str | None:
+    """Hash of the installed models: outcomes are gathered anew when another is installed."""
+    models = read_models(studies)
+    return settings_hash(models) if models else None
 
 
 REMEDY = "Make it anew with `snakemake -j2 reference` and `make reference`, or take it away."

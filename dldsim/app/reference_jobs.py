@@ -126,12 +126,13 @@ def gather_pairs(
     settings: Mapping,
     *,
     outcomes: Path,
+    campaign: Path,
     domain: Path,
     model: Path,
     check: Path,
 ) -> str:
-    """`reference_outcomes` and those in the other domain, the model of σ_num and its
-    cross-validation; a sentence about it.
+    """`reference_outcomes`, those at the campaign's numerics and in the other domain, the model of
+    σ_num and its cross-validation; a sentence about it.
 
     ``rows``: pair, name of its numerics, file of its outcome.
     """
@@ -144,6 +145,7 @@ def gather_pairs(
     checked = uncertainty.cross_validated(pairs, in_domain)
     fitted["check"] = uncertainty.coverage(checked)
     _write("reference_outcomes", best, outcomes, settings)
+    _write("reference_outcomes", list(at_campaign.values()), campaign, settings)
     _write("reference_outcomes", list(in_domain.values()), domain, settings)
     _write("reference_check", checked, check, settings)
     with atomic_path(model) as part:
@@ -154,9 +156,10 @@ def gather_pairs(
 def compare(rows: Sequence[Path], settings: Mapping, *, table: Path) -> str:
     """`reference_check` of outcomes at the campaign's numerics, against the installed reference;
     who disagrees, in a sentence."""
-    reference = {row["outcome_id"]: row for row in reference_study.reference_outcomes()}
-    model = uncertainty.read_model()
     found = [read_rows("reference_outcomes", path)[0] for path in rows]
+    [shape] = {row["cell_shape"] for row in found}
+    reference = {row["outcome_id"]: row for row in reference_study.reference_outcomes(shape)}
+    model = uncertainty.read_models()[shape]
     checked = [
         uncertainty.check_row(row, reference[row["outcome_id"]], model)
         for row in found

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dldsim.analysis import survey
-from dldsim.analysis.uncertainty import read_model, with_uncertainty
+from dldsim.analysis.uncertainty import read_models, with_uncertainty
 from dldsim.app.jobs import attempt_outcome
 from dldsim.config.configuration import sections_from
 from dldsim.config.identifiers import parse_outcome
@@ -119,7 +119,7 @@ def gather(
     about = provenance(settings)
     for kind, table in tables.items():
         if kind == "outcomes":
-            outcomes = with_uncertainty(read_many(kind, parts[kind]), read_model())
+            outcomes = with_uncertainty(read_many(kind, parts[kind]), read_models())
             write_table(kind, outcomes, table, about)
         else:
             concatenate(kind, parts[kind], table, about)

@@ -62,7 +62,7 @@ class Simulator:
         self, directory: Path, scene: Scene, progress: Progress | None = None, threads: int = 1
     ):
         self.directory, self.scene, self.threads = Path(directory), scene, threads
-        self.model = uncertainty.read_model()
+        self.models = uncertainty.read_models()
         self._progress, self._stopped = progress, threading.Event()
         self._flow: tuple[Any, Any] = (None, None)
         self._solving = threading.Lock()
@@ -149,7 +149,7 @@ class Simulator:
             "deformation_index_std": None
             if population.deformation_index is None
             else population.deformation_index_std,
-            **uncertainty.numerical_uncertainty(row, self.model),
+            **uncertainty.numerical_uncertainty(row, uncertainty.model_of(row, self.models)),
         }
 
     def name(

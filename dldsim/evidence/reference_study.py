@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dldsim.analysis.uncertainty import MODEL_PATH, read_model
+from dldsim.analysis.uncertainty import MODEL, STUDIES, read_model
 from dldsim.config.configuration import Config
 from dldsim.config.explain import validate
 from dldsim.config.identifiers import parse_outcome
@@ -106,57 +106,63 @@ def common_sections(config: Config) -> dict[str, Any]:
 
 # ------------------------------------------------------------------------------------ package data
 
-DATA, MODEL = MODEL_PATH.parent, MODEL_PATH.name
 KEPT = {
     "reference_outcomes": "reference_outcomes",
+    "campaign_outcomes": "reference_outcomes",
     "domain_outcomes": "reference_outcomes",
     "critical_gaps": "critical_gaps",
     "convergence": "convergence",
 }
-"""Tables that come with the package, and their kinds; the first is needed, the others where they
-were made."""
+"""Tables that come with the package, and their kinds; the first two are needed, the others where
+they were made."""
 REMEDY = (
     "Make it with `snakemake -j2 reference` and "
     "`python -m dldsim.evidence.reference_study results`."
 )
 
 
-def install(results: Path, data: Path = DATA) -> list[Path]:
-    """Copy the tables and the model of a study into the package; returns the files.
+def install(results: Path, studies: Path = STUDIES) -> list[Path]:
+    """Copy the tables and the model of a study into the package, into the folder of the shape of
+    its cells; returns the files.
 
-    The tables keep the provenance that they carry; only the first must be there. Raises DldsimError
-    if the outcomes or the model are missing, or any table is damaged or of another
-    physics version; then nothing is copied.
+    The tables keep the provenance that they carry. Raises DldsimError if outcomes or the model are
+    missing, or any table is damaged or of another physics version; then nothing is copied.
     """
     from dldsim.files import atomic_path
     from dldsim.tables.parquet import read_columns
 
     source = Path(results) / "reference"
-    first, *_ = KEPT
-    there = [name for name in KEPT if name == first or (source / f"{name}.parquet").exists()]
+    needed = [*KEPT][:2]
+    there = [name for name in KEPT if name in needed or (source / f"{name}.parquet").exists()]
     for name in there:
         read_columns(KEPT[name], source / f"{name}.parquet")
-    if read_model(source / MODEL) is None:
+    if not (source / MODEL).exists():
         missing = source / MODEL
         raise DldsimError(f"{missing} does not exist.", key=str(missing), remedy=REMEDY)
+    data = Path(studies) / read_model(source / MODEL)["conditions"]["cell_shape"]
     written = []
     for name in [*(f"{name}.parquet" for name in there), MODEL]:
-        with atomic_path(Path(data) / name) as part:
+        with atomic_path(data / name) as part:
             part.write_bytes((source / name).read_bytes())
-        written.append(Path(data) / name)
+        written.append(data / name)
     return written
 
 
-def reference_outcomes(data: Path = DATA) -> list[dict[str, Any]]:
-    """The reference that comes with the package: `reference_outcomes`, one per pair, the finest.
+def reference_outcomes(shape: str, studies: Path = STUDIES) -> list[dict[str, Any]]:
+    """The reference that comes with the package for cells of a ``shape``: `reference_outcomes`, one
+    per pair, the finest.
 
     Raises DldsimError if none is there, or one of another physics version.
     """
     from dldsim.tables.parquet import read_rows
 
-    path = Path(data) / "reference_outcomes.parquet"
+    path = Path(studies) / shape / "reference_outcomes.parquet"
     if not path.exists():
-        raise DldsimError(f"The package holds no reference ({path}).", key=str(path), remedy=REMEDY)
+        raise DldsimError(
+            f"The package holds no reference for cells of shape {shape} ({path}).",
+            key=str(path),
+            remedy=REMEDY,
+        )
     return read_rows("reference_outcomes", path)
 
 

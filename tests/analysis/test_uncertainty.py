@@ -329,12 +329,29 @@ def test_beyond_the_study_it_is_extrapolated(changes, word):
 
 def test_a_table_is_filled():
     rows = pd.DataFrame([outcome(), outcome(None), outcome(distance=None)])
-    filled = with_uncertainty(rows, model())
+    filled = with_uncertainty(rows, {"biconcave": model()})
     assert filled["sigma_num_deg"].isna().tolist() == [False, True, False]
     assert filled["sigma_num_deg"][2] > filled["sigma_num_deg"][0]
     assert filled["sigma_num_kind"].tolist() == ["modelled", "no angle", "modelled"]
     assert filled["mode_open"].tolist() == [False, None, True]
     assert filled["sigma_num_basis"][1] == "no angle"
+
+
+def test_each_shape_is_judged_by_its_own_study():
+    """And one that has none by that of discs, which is called extrapolated."""
+    spheres = model()
+    spheres["conditions"] = spheres["conditions"] | {"cell_shape": "sphere"}
+    spheres["distance"] = {
+        side: known | {"value": known["value"] / 10} for side, known in spheres["distance"].items()
+    }
+    row = outcome(distance=SIGMA_D)
+    rows = pd.DataFrame([row, row | {"cell_shape": "sphere"}, row | {"cell_shape": "ellipsoid"}])
+    both = with_uncertainty(rows, {"biconcave": model(), "sphere": spheres})
+    assert both["mode_open"].tolist() == [True, False, True]
+    assert both["sigma_num_kind"].tolist() == ["modelled", "modelled", "extrapolated"]
+    discs = with_uncertainty(rows, {"biconcave": model()})
+    assert discs["sigma_num_kind"].tolist() == ["modelled", "extrapolated", "extrapolated"]
+    assert with_uncertainty(rows, {})["sigma_num_kind"].tolist() == ["not studied"] * 3
 
 
 def test_rows_of_the_check_have_the_columns_of_their_table():
@@ -376,12 +393,13 @@ def test_the_figure_draws():
 # ------------------------------------------------------------------------------------------ files
 
 
-def test_a_model_comes_back(tmp_path):
-    path = tmp_path / "sigma_num.json"
-    assert uncertainty.read_model(path) is None and uncertainty.model_hash(path) is None
+def test_models_come_back(tmp_path):
+    assert uncertainty.read_models(tmp_path) == {} and uncertainty.models_hash(tmp_path) is None
+    path = tmp_path / "discs" / "sigma_num.json"
+    path.parent.mkdir()
     path.write_text(json.dumps(model()))
-    assert uncertainty.read_model(path) == model()
-    assert uncertainty.model_hash(path)
+    assert uncertainty.read_models(tmp_path) == {"biconcave": model()}
+    assert uncertainty.models_hash(tmp_path)
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"kind": "another"}'])
@@ -392,23 +410,22 @@ def test_a_file_that_is_no_model_is_refused(tmp_path, text):
         uncertainty.read_model(path)
 
 
-def test_the_model_of_the_package_is_that_of_its_pairs():
-    """Refitted from the packaged campaign, its finer lattices and its endless arrays."""
-    from dldsim.design.finished_campaign import CAMPAIGN_DATA
+@pytest.mark.parametrize("shape", sorted(uncertainty.read_models()))
+def test_the_model_of_the_package_is_that_of_its_pairs(shape):
+    """Refitted from the pairs as in a campaign, on finer lattices and in larger domains."""
     from dldsim.tables.parquet import read_rows
 
-    campaign = {
-        r["outcome_id"]: r for r in read_rows("outcomes", CAMPAIGN_DATA / "outcomes.parquet")
-    }
-    finer, domain = (
+    campaign, finer, domain = (
         {
-            r["outcome_id"]: r
-            for r in read_rows("reference_outcomes", uncertainty.MODEL_PATH.with_name(name))
+            row["outcome_id"]: row
+            for row in read_rows(
+                "reference_outcomes", uncertainty.STUDIES / shape / f"{name}_outcomes.parquet"
+            )
         }
-        for name in ("reference_outcomes.parquet", "domain_outcomes.parquet")
+        for name in ("campaign", "reference", "domain")
     )
     pairs = [(campaign[name], row) for name, row in finer.items()]
-    known = uncertainty.read_model()
+    known = uncertainty.read_models()[shape]
     fitted = fit_model(pairs, domain)
     for part in (*known["distance"].items(), ("share", known["share"])):
         name, values = part

@@ -88,6 +88,7 @@ def results(tmp_path_factory, config, pairs):
         pairs,
         SETTINGS,
         outcomes=folder / "reference_outcomes.parquet",
+        campaign=folder / "campaign_outcomes.parquet",
         domain=folder / "domain_outcomes.parquet",
         model=folder / "sigma_num.json",
         check=folder / "sigma_num_check.parquet",
@@ -154,10 +155,12 @@ def test_the_model_and_its_check_come_of_the_pairs(results, config):
 def test_what_is_installed_comes_back(results, tmp_path):
     data = tmp_path / "data"
     files = reference_study.install(results, data)
-    assert len(files) == 5 and all(
-        f.read_bytes() == (results / "reference" / f.name).read_bytes() for f in files
+    assert (
+        len(files) == 6
+        and {f.parent for f in files} == {data / "biconcave"}
+        and all(f.read_bytes() == (results / "reference" / f.name).read_bytes() for f in files)
     )
-    rows = reference_study.reference_outcomes(data)
+    rows = reference_study.reference_outcomes("biconcave", data)
     assert rows == read_rows(
         "reference_outcomes", results / "reference" / "reference_outcomes.parquet"
     )
@@ -168,7 +171,7 @@ def test_a_reference_of_other_physics_is_refused(results, tmp_path, monkeypatch)
     reference_study.install(results, data)
     monkeypatch.setattr("dldsim.tables.parquet.PHYSICS_VERSION", -1)
     with pytest.raises(DldsimError, match="physics version"):
-        reference_study.reference_outcomes(data)
+        reference_study.reference_outcomes("biconcave", data)
     with pytest.raises(DldsimError, match="physics version"):
         reference_study.install(results, tmp_path / "other")
     assert not (tmp_path / "other").exists()
@@ -178,7 +181,7 @@ def test_the_comparison_says_who_disagrees(results, tmp_path, monkeypatch, confi
     data = tmp_path / "data"
     reference_study.install(results, data)
     monkeypatch.setattr(reference_study.reference_outcomes, "__defaults__", (data,))
-    monkeypatch.setattr(uncertainty.read_model, "__defaults__", (data / "sigma_num.json",))
+    monkeypatch.setattr(uncertainty.read_models, "__defaults__", (data,))
 
     def wrong(identifier, geometry, stiffness_set, settings):
         numerics = settings["numerics"]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dldsim.analysis.uncertainty import MODEL_PATH
+from dldsim.analysis.uncertainty import STUDIES
 from dldsim.config.sections import Numerics
 from dldsim.design.finished_campaign import CAMPAIGN_DATA
 from dldsim.laws import COARSER_ALLOWED
@@ -43,8 +43,7 @@ def test_settings_come_back():
         ("outcomes", CAMPAIGN_DATA / "outcomes.parquet"),
         ("outcomes", CAMPAIGN_DATA.parent / "paper" / "outcomes.parquet"),
         ("outcomes", CAMPAIGN_DATA.parent / "survey" / "outcomes.parquet"),
-        ("reference_outcomes", MODEL_PATH.with_name("reference_outcomes.parquet")),
-        ("reference_outcomes", MODEL_PATH.with_name("domain_outcomes.parquet")),
+        *(("reference_outcomes", path) for path in sorted(STUDIES.glob("*/*.parquet"))),
     ],
 )
 def test_tables_of_the_package_tell_the_settings(kind, path):

@@ -5,6 +5,7 @@ from collections import Counter
 import pytest
 from snakemake.exceptions import WorkflowError
 
+from dldsim.analysis import uncertainty
 from dldsim.config import assays, campaign
 from dldsim.config.presets import read_config
 from dldsim.evidence import critical_gaps, reference_study
@@ -118,7 +119,7 @@ def test_a_finished_point_is_not_made_again(tmp_path):
 def test_a_comparison_without_a_reference_is_refused_before_it_runs(tmp_path):
     """Where the package holds one, its pairs are simulated at the campaign's numerics."""
     folder = copy_workflow(tmp_path)
-    if (reference_study.DATA / "reference_outcomes.parquet").exists():
+    if (uncertainty.STUDIES / "biconcave" / "reference_outcomes.parquet").exists():
         pairs = read_config(ROOT / "config.yaml").reference.pairs
         assert planned(folder, "reference_check") == {
             "reference_pair": len(pairs),

@@ -210,13 +210,16 @@ def points_before(wildcards):
 def reference_check_settings(wildcards):
     """By content, not by time stamp, what comes with the package; its absence is told before
     anything is run."""
-    path = reference_study.DATA / "reference_outcomes.parquet"
+    shape = CONFIG.cell.shape
+    path = uncertainty.STUDIES / shape / "reference_outcomes.parquet"
     if not path.exists():
-        raise WorkflowError(f"The package holds no reference. {reference_study.REMEDY}")
+        raise WorkflowError(
+            f"The package holds no reference for cells of shape {shape}. {reference_study.REMEDY}"
+        )
     return {
         **gathered(CONFIG.reference.pairs),
         "reference": hashlib.sha256(path.read_bytes()).hexdigest()[:16],
-        "sigma_num_model": uncertainty.model_hash(),
+        "sigma_num_model": uncertainty.models_hash(),
     }
 
 
@@ -314,7 +317,7 @@ def verification_settings(wildcards):
     return {
         **learning_settings(wildcards),
         **design_settings(requests, *sections),
-        "sigma_num_model": uncertainty.model_hash(),
+        "sigma_num_model": uncertainty.models_hash(),
     }
 
 

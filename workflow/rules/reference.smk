@@ -71,6 +71,8 @@ rule reference_outcomes:
     output:
         outcomes=f"{RESULTS}/reference/reference_outcomes.parquet",
         outcomes_csv=f"{RESULTS}/reference/reference_outcomes.csv",
+        campaign=f"{RESULTS}/reference/campaign_outcomes.parquet",
+        campaign_csv=f"{RESULTS}/reference/campaign_outcomes.csv",
         domain=f"{RESULTS}/reference/domain_outcomes.parquet",
         domain_csv=f"{RESULTS}/reference/domain_outcomes.csv",
         model=f"{RESULTS}/reference/sigma_num.json",

@@ -110,7 +110,7 @@ rule outcomes:
     params:
         settings={
             **gathered(OUTCOMES, "run_control"),
-            "sigma_num_model": uncertainty.model_hash(),
+            "sigma_num_model": uncertainty.models_hash(),
         },
     log:
         f"{RESULTS}/logs/outcomes.log",

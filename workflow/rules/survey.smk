@@ -62,7 +62,7 @@ rule survey:
         flows=f"{RESULTS}/survey/flows.parquet",
         flows_csv=f"{RESULTS}/survey/flows.csv",
     params:
-        settings={**gathered(SURVEY), "sigma_num_model": uncertainty.model_hash()},
+        settings={**gathered(SURVEY), "sigma_num_model": uncertainty.models_hash()},
     log:
         f"{RESULTS}/logs/survey.log",
     benchmark:

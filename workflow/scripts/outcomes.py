@@ -1,7 +1,7 @@
 """All outcomes into one table, with deformation index and numerical uncertainty."""
 
 from dldsim.analysis.calibration import join_deformation_index
-from dldsim.analysis.uncertainty import read_model, with_uncertainty
+from dldsim.analysis.uncertainty import read_models, with_uncertainty
 from dldsim.app.job_log import job_log
 from dldsim.config.provenance import provenance
 from dldsim.tables.parquet import read_many, read_table, write_csv, write_table
@@ -11,6 +11,6 @@ with job_log(snakemake.log[0]):
     outcomes = read_many("outcomes", snakemake.input.rows)
     calibration = read_table("calibration", snakemake.input.calibration)
     outcomes = join_deformation_index(outcomes, calibration)
-    outcomes = with_uncertainty(outcomes, read_model())
+    outcomes = with_uncertainty(outcomes, read_models())
     write_table("outcomes", outcomes, snakemake.output.table, provenance(settings))
     write_csv("outcomes", snakemake.output.table)

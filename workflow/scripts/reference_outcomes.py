@@ -12,6 +12,7 @@ with job_log(snakemake.log[0]):
         [(*pair, file) for pair, file in zip(snakemake.params.pairs, files, strict=True)],
         snakemake.params.settings,
         outcomes=Path(snakemake.output.outcomes),
+        campaign=Path(snakemake.output.campaign),
         domain=Path(snakemake.output.domain),
         model=Path(snakemake.output.model),
         check=Path(snakemake.output.check),

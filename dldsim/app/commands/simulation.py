@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
         )
     if args.out:
         check_writable(args.out / f"{outcome}_y0.000.trajectory.parquet", "--out")
-    from dldsim.analysis.uncertainty import numerical_uncertainty, read_model
+    from dldsim.analysis.uncertainty import model_of, numerical_uncertainty, read_models
     from dldsim.experiments import outcome_files
     from dldsim.experiments.array_outcome import simulate_outcome
     from dldsim.experiments.array_run import simulate_run
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> tuple[dict, Iterable[str]]:
             result = simulate_outcome(
                 *sections, outcome_id=outcome, stiffness_set=args.set, progress=progress
             )
-    sigma = numerical_uncertainty(result.row, read_model())
+    sigma = numerical_uncertainty(result.row, model_of(result.row, read_models()))
     summary = {**result.row, **sigma}
     if args.out:
         trajectory = args.out / f"{name}.trajectory.parquet"
