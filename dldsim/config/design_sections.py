@@ -154,8 +154,8 @@ class CellTypes(CellScatter):
     velocity_mm_s: Annotated[float, Field(ge=1e-5, le=1000)] | None = Field(
         None, description="mean velocity in the array; default: the campaign's"
     )
-    height_um: Annotated[float, Field(ge=0, le=1000)] | None = Field(
-        None, description="channel height, 0: no top and bottom; default: the campaign's"
+    height_um: Annotated[float, Field(ge=0.1, le=1000)] | None = Field(
+        None, description="channel height; default: the campaign's"
     )
 
     @model_validator(mode="after")

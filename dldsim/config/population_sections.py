@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from dldsim.config.sections import Section, Unfit
 
-Variation = Annotated[float, Field(ge=0, le=3)]
+Variation = Annotated[float, Field(ge=0, le=1)]  # a fraction; above 1 it is a percentage
 DRAWS_MAX = 4_000_000
 """Draws of devices times cells: some minutes and 1 GB."""
 
@@ -31,23 +31,23 @@ class CellScatter(Section):
         description="standard deviation of the radius among cells of the second type; default 0",
     )
     radius_cv_1: Variation | None = Field(
-        None, description="the same over the mean, instead of radius_std_1_um"
+        None, description="the same over the mean (0.1: 10 %), instead of radius_std_1_um"
     )
     radius_cv_2: Variation | None = Field(
-        None, description="the same over the mean, instead of radius_std_2_um"
+        None, description="the same over the mean (0.1: 10 %), instead of radius_std_2_um"
     )
     radius_distribution: Literal["normal", "lognormal"] = Field(
         "normal", description="distribution of the radii; a normal one is cut off at zero"
     )
     ks_cv_1: Variation | None = Field(
         None,
-        description="coefficient of variation of k_s among cells of the first type, lognormal; "
-        "default: what the spread of the deformation index gives, or 0",
+        description="coefficient of variation (0.1: 10 %) of k_s among cells of the first type, "
+        "lognormal; default: what the spread of the deformation index gives, or 0",
     )
     ks_cv_2: Variation | None = Field(
         None,
-        description="coefficient of variation of k_s among cells of the second type, lognormal; "
-        "default: what the spread of the deformation index gives, or 0",
+        description="coefficient of variation (0.1: 10 %) of k_s among cells of the second type, "
+        "lognormal; default: what the spread of the deformation index gives, or 0",
     )
     concentration_ratio: float = Field(
         1.0,

@@ -117,14 +117,10 @@ def flux_beside(distance_um: np.ndarray, width_um: float, height_um: float) -> n
     """Share of the flow through a rectangular duct within a distance from one of its side walls.
 
     Series of the duct's velocity, averaged over its height (White, Viscous Fluid Flow, sec. 3-3):
-    u ∝ 1 − 96/π⁴ Σ cosh(nπy/H) / (n⁴ cosh(nπW/2H)), n odd, y from the middle. Height 0: plates only
-    at the sides.
+    u ∝ 1 − 96/π⁴ Σ cosh(nπy/H) / (n⁴ cosh(nπW/2H)), n odd, y from the middle.
     """
     half = width_um / 2
     y = half - np.minimum(np.asarray(distance_um, float), half)
-    if height_um == 0:
-        inner = 1.5 * (y / half) - 0.5 * (y / half) ** 3
-        return (1 - inner) / 2
     n = np.arange(1, 2 * TERMS, 2).reshape(-1, *[1] * y.ndim)
     a = n * np.pi / height_um
 

@@ -386,7 +386,7 @@ def check(task: Task) -> None:
         )
     low = chip.flow.height_um - request.height_tolerance_um
     width = max(population.width_um for population in task.populations)
-    if chip.flow.height_um > 0 and low < width:
+    if low < width:
         raise DldsimError(
             f"{name}: with height_tolerance_um = {request.height_tolerance_um:g} the channel may "
             f"be {low:g} µm high, and the larger cell needs {width:.3g} µm.",

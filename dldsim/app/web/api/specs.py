@@ -162,7 +162,7 @@ class PredictSpec(Section):
     velocity_mm_s: Annotated[float, Field(ge=1e-5, le=1000)] | None = Field(
         None, description="mean velocity; default: the campaign's"
     )
-    height_um: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+    height_um: Annotated[float, Field(ge=0.1, le=1000)] | None = Field(
         None, description="channel height; default: the campaign's"
     )
     level: float = Field(0.9, ge=0.5, le=0.99, description="level of the prediction interval")
