@@ -57,8 +57,7 @@ def test_flux_beside_a_wall():
     assert flux_beside(np.array([0.0]), 60.0, 20.0)[0] == pytest.approx(0.0, abs=1e-12)
     t = 0.2
     parabola = 3 * t**2 - 2 * t**3
-    for height, off in ((6000.0, 0.002), (600.0, 0.02)):
-        assert flux_beside(np.array([12.0]), 60.0, height)[0] == pytest.approx(parabola, rel=off)
+    assert flux_beside(np.array([12.0]), 60.0, 600.0)[0] == pytest.approx(parabola, rel=0.02)
     assert flux_beside(np.array([12.0]), 60.0, 0.01)[0] == pytest.approx(t, rel=1e-3)
 
 
