@@ -44,7 +44,15 @@ OF_95_PERCENT = 1.96
 """Half width of a normal 95 % interval over its standard deviation."""
 OPEN_FROM = 0.05
 """Probability of the other mode from which on the mode is open: less is what 2 σ leave out."""
-CONDITIONS = ("cell_shape", "cell_radius_um", "height_um", "mean_velocity_mm_s", "drive")
+CONDITIONS = (
+    "cell_shape",
+    "aspect_ratio",
+    "cell_radius_um",
+    "release_axis",
+    "height_um",
+    "mean_velocity_mm_s",
+    "drive",
+)
 RANGES = ("pillar_radius_um", "gap_um", "periodicity")
 MODELLED, EXTRAPOLATED, NOT_STUDIED = "modelled", "extrapolated", "not studied"
 SPANS, NO_ANGLE = "spans the modes", "no angle"
@@ -396,8 +404,7 @@ def read_models(studies: Path = STUDIES) -> dict[str, dict[str, Any]]:
 
     Raises DldsimError for a file that is no such model.
     """
-    found = [read_model(path) for path in sorted(Path(studies).glob(f"*/{MODEL}"))]
-    return {model["conditions"]["cell_shape"]: model for model in found}
+    return {path.parent.name: read_model(path) for path in sorted(Path(studies).glob(f"*/{MODEL}"))}
 
 
 def read_model(path: Path) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from dldsim.config.configuration import sections_from
 from dldsim.config.identifiers import Pair, outcome_id, parse_outcome
 from dldsim.config.provenance import provenance
 from dldsim.config.sections import CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
+from dldsim.errors import DldsimError
 from dldsim.evidence import critical_gaps, reference_study, spot_check
 from dldsim.evidence.convergence import convergence_table
 from dldsim.evidence.reference_study import CAMPAIGN, DOMAIN, Row
@@ -156,10 +157,14 @@ def gather_pairs(
 def compare(rows: Sequence[Path], settings: Mapping, *, table: Path) -> str:
     """`reference_check` of outcomes at the campaign's numerics, against the installed reference;
     who disagrees, in a sentence."""
+    if not rows:
+        raise DldsimError(
+            key="reference.pairs", value="[]", allowed="one or more pairs of array and cell"
+        )
     found = [read_rows("reference_outcomes", path)[0] for path in rows]
-    [shape] = {row["cell_shape"] for row in found}
+    shape = found[0]["cell_shape"]
     reference = {row["outcome_id"]: row for row in reference_study.reference_outcomes(shape)}
-    model = uncertainty.read_models()[shape]
+    model = uncertainty.read_models().get(shape)
     checked = [
         uncertainty.check_row(row, reference[row["outcome_id"]], model)
         for row in found

@@ -176,8 +176,8 @@ def settings_for(variant: Variant, config: Config) -> dict[str, Any]:
 def replay(row: Mapping[str, Any], tolerance: float, max_rows: int) -> dict[str, Any]:
     """The row that the run would have given with another `orbit_tolerance` and `max_rows`.
 
-    ``row``: a run that went at least as far. Its processor time and steps are taken in
-    proportion to the rows.
+    ``row``: a run that went at least as far, in which no depth of the bump lane was tried. Its
+    processor time and steps are taken in proportion to the rows.
     """
     import numpy as np
 

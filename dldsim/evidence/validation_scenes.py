@@ -208,6 +208,7 @@ def _later_rows() -> Iterator[Comparison]:
             RunControl(max_rows=rows, min_rows=rows),
             run_id="x",
             stiffness_set="3",
+            probe=False,
         ).row
         for rows in (3, 3, 6)
     )

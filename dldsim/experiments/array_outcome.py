@@ -124,7 +124,7 @@ def simulate_outcome(
                 Cell(**cell.model_dump() | {"release_gap_fraction": place}),
                 flow,
                 numerics,
-                rows_of(control, place, left, geometry.periodicity),
+                rows_of(control, place, left, 0 if start else geometry.periodicity),
                 run_id=release_id(outcome_id, place),
                 outcome_id=outcome_id,
                 stiffness_set=stiffness_set,
@@ -171,10 +171,10 @@ def simulate_outcome(
     return OutcomeResult(row, runs, ", ".join(sorted(begun)), settled)
 
 
-def rows_of(control: RunControl, place: float, left: int, periodicity: int) -> RunControl:
-    """Run control of a release with ``left`` rows: the source's has its first period whole."""
+def rows_of(control: RunControl, place: float, left: int, period: int) -> RunControl:
+    """Run control of a run with ``left`` rows: the source's has its first ``period`` whole."""
     most = min(control.max_rows, left)
-    least = periodicity if place == MID_GAP else 0
+    least = period if place == MID_GAP else 0
     return control.model_copy(
         update={"max_rows": most, "min_rows": min(max(control.min_rows, least), most)}
     )

@@ -13,13 +13,13 @@ from dldsim.config.limits import check_time
 from dldsim.config.sections import Cell, CellShape, Flow, Geometry, Numerics, RunControl, Stiffness
 from dldsim.errors import DldsimError
 from dldsim.experiments.array_scene import check_flow, left_out, make_scene
-from dldsim.experiments.lane_depth import Probe, depth_of, probe_lane, with_depth
+from dldsim.experiments.lane_depth import Probe, probe_lane, with_depth
 from dldsim.experiments.migration import Migration, row_crossings
 from dldsim.experiments.recording import Record
 from dldsim.experiments.releases import far
 from dldsim.experiments.runner import Patience, Progress, Stop, advance_until, again_if_unstable
 from dldsim.experiments.settled import SettledCell, row_origin, sections_of, settled_cell
-from dldsim.experiments.settling import LANE_ROWS, analyse_path, rows_in_lane
+from dldsim.experiments.settling import analyse_path, may_be_held
 from dldsim.solver.flow import EmptyFlow, solve_empty_array
 from dldsim.solver.observe import Sample, deformation_index
 from dldsim.solver.pillars import ArrayLattice, make_array
@@ -163,9 +163,8 @@ def _simulate(
         check_time(array.lattice.nodes, control.max_rows * row_steps, shortened)
     chunk = 2 * max(1, round(row_steps / control.records_per_row / 2))
     path = Path(float(array.pitch), settled.enter(scene, array) if settled else None)
-    probes: list[Probe] = []  # from the last row at which the lane was tried
-    spent: list[Probe] = []
-    tried_at: list[int] = []
+    probes: list[Probe] = []
+    tried: list[Probe] = []
     shift = float(array.row_shift)
     look = partial(probe_lane, scene, float(array.pitch), shift, row_steps, chunk, progress)
     known = [other.row_map_peak for other in others if other.in_bump_lane]
@@ -177,17 +176,15 @@ def _simulate(
             geometry.periodicity,
             control,
             others,
-            depth_of(probes),
+            [(one.offset, one.step) for one in probes if one.comes_back],
         )
 
     def lane_is_to_be_tried() -> bool:
-        if not probe or path.rows < control.min_rows:
-            return False
-        if tried_at and path.rows < tried_at[-1] + control.still_rows:
-            return False
+        """Once, and not where another release knows that it is shallow."""
         shallow = known and not far(max(known) - 1)
-        rows = rows_in_lane(np.diff(path.crossings()) / shift, control.orbit_tolerance)
-        return not shallow and rows >= LANE_ROWS
+        if not probe or tried or shallow or path.rows < control.min_rows:
+            return False
+        return may_be_held(np.diff(path.crossings()) / shift, control)
 
     def watch(sample: Sample) -> Stop | None:
         record.add(sample, scene.energies())
@@ -197,10 +194,11 @@ def _simulate(
             return None
         found = analyse()
         if found.status not in SETTLED and lane_is_to_be_tried():
-            probes[:] = look(hopeful=False)
-            tried_at.append(path.rows)
-            spent.extend(probes)
+            tried.extend(look(hopeful=False))
+            probes[:] = tried
             found = analyse()
+            if found.status not in SETTLED:
+                probes.clear()
         enough = found.status in SETTLED and path.rows >= control.min_rows
         over = path.rows >= control.max_rows
         return Stop(found.status, found.reason) if enough or over else None
@@ -223,15 +221,15 @@ def _simulate(
         if migration.in_bump_lane and not probe:
             migration = replace(migration, transition_distance=None)
         elif migration.in_bump_lane:
-            if not far(depth_of(probes)):
-                probes = [] if known else look()
-                spent.extend(probes)
+            if not probes and not known:
+                probes = look()
+                tried.extend(probes)
             back = [one for one in probes if one.comes_back]
             migration = with_depth(migration, known + [one.step for one in back])
         before = np.array([path.x[-2], path.y[-2]])
         left = told_of(settled_cell(scene, array, path.rows, before, sections), migration)
     times = time.perf_counter() - loop, time.thread_time() - processor
-    steps = scene.steps + sum(one.steps for one in spent)
+    steps = scene.steps + sum(one.steps for one in tried)
     row = {
         "run_id": run_id,
         **known_of(outcome_id, geometry, stiffness, stiffness_set, cell, flow, wanted),

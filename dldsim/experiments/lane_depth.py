@@ -76,11 +76,6 @@ def probe_lane(
     return found
 
 
-def depth_of(probes: Sequence[Probe]) -> float | None:
-    """Largest step of those that come back, less one; None if none does."""
-    return max((one.step - 1 for one in probes if one.comes_back), default=None)
-
-
 def _one_row(
     scene: CellInFlow, offset: float, pitch: float, row_shift: float, patience: float, chunk: int
 ) -> Probe:

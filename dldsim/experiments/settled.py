@@ -68,7 +68,7 @@ class SettledCell:
         """Whether a finer run may go on with it, and need not release the cell.
 
         Near the transition where a cell is released decides its motion, and what goes on is no
-        release. A cell at rest in the bump lane has to rest there for as many rows in any case.
+        release. A cell at rest in the bump lane, or held by it, is so a few rows after a release.
         """
         return self.status != AT_REST and far(self.transition_distance)
 

@@ -62,19 +62,19 @@ def analyse_path(
     periodicity: int,
     control: RunControl,
     others: Sequence[Migration] = (),
-    depth: float | None = None,
+    probes: Sequence[tuple[float, float]] = (),
 ) -> Migration:
     """Migration of a cell from its lateral positions at the row crossings (rows + 1,).
 
     ``others``: other releases of the same cell in the same array, in the same unit; where they fall
-    through lane after lane alike, their passes count as well. ``depth``: of the bump lane, as it
-    was tried from the last position. Unless that decides, nothing is decided before the first array
-    period is complete.
+    through lane after lane alike, their passes count as well. ``probes``: of
+    the bump lane from the last position (`held`). Unless they decide, nothing is decided before the
+    first array period is complete.
     """
     steps = np.diff(lateral)
     rows = len(steps)
     m = steps * periodicity / pitch
-    if found := held(m, control, depth):
+    if found := held(m, control, probes):
         return as_migration(found, m, lateral, periodicity)
     if rows < periodicity:
         return Migration(
@@ -84,8 +84,7 @@ def analyse_path(
             lateral_start=float(lateral[0]) if len(lateral) else 0.0,
         )
     found = (
-        held_as_others(m, periodicity, control, others)
-        or resting(m, control)
+        resting(m, control)
         or repeating(m, periodicity, control)
         or swinging(m, periodicity, control)
         or passing(m, periodicity, control, falling(others, pitch, periodicity))
@@ -127,46 +126,45 @@ def lane_entry(m: np.ndarray, tolerance: float) -> int | None:
     return start + int(full[0]) if len(full) else None
 
 
-def rows_in_lane(m: np.ndarray, tolerance: float) -> int:
-    """Rows since `lane_entry`; 0 outside the bump lane."""
-    entry = lane_entry(m, tolerance)
-    return 0 if entry is None else len(m) - entry
+def may_be_held(m: np.ndarray, control: RunControl) -> bool:
+    """Whether a path has stayed in what may be the bump lane, and is not about to fall."""
+    entry = lane_entry(m, control.orbit_tolerance)
+    return entry is not None and len(m) - entry >= LANE_ROWS and m[-1] >= 1 - STILL_WITHIN
 
 
-def held(m: np.ndarray, control: RunControl, depth: float | None) -> Motion | None:
+def held(
+    m: np.ndarray, control: RunControl, probes: Sequence[tuple[float, float]]
+) -> Motion | None:
     """A bump lane that the scatter of the row map cannot open.
 
-    Put nearer to the pillar the cell has come back, by ``depth`` above one row shift, the most
-    scatter of the map or more: from there to where it is no shape or orientation lets it fall.
+    ``probes``: offset, nearer to the pillar than the last position, and step from there, of those
+    that came back. One counts if it began below all places that the cell has been at in the lane
+    and did not come back beyond the highest of them. A step of one row shift and the most scatter
+    of the map, or more: no shape or orientation lets the cell fall from there to where it is. Its
+    mean step is then one row shift for good.
     """
     entry = lane_entry(m, control.orbit_tolerance)
-    if entry is None or depth is None or depth < MAP_SCATTER[1]:
+    if entry is None:
         return None
-    return _held(m, entry, depth, "put nearer to the pillar it comes back")
-
-
-def held_as_others(
-    m: np.ndarray, periodicity: int, control: RunControl, others: Sequence[Migration]
-) -> Motion | None:
-    """A path that has kept to one lane for N_p and ``still_rows`` rows, where it is known from
-    other releases that the lane is so deep."""
-    depths = [other.transition_distance for other in others if other.in_bump_lane]
-    depth = max((known for known in depths if known is not None), default=0.0)
-    rows = rows_in_lane(m, control.orbit_tolerance)
-    if depth < MAP_SCATTER[1] or rows < max(periodicity, control.still_rows):
+    z = framed(m)[entry:]
+    depth = max(
+        (
+            step - 1
+            for offset, step in probes
+            if z[-1] - offset <= z.min() and z[-1] - offset + step - 1 <= z.max() + MAP_SCATTER[0]
+        ),
+        default=0.0,
+    )
+    if depth < MAP_SCATTER[1]:
         return None
-    return _held(m, len(m) - rows, depth, "another release comes back from nearer to the pillar")
-
-
-def _held(m: np.ndarray, entry: int, depth: float, why: str) -> Motion:
-    off = float(np.ptp(framed(m)[entry:])) / (len(m) - entry)
     return Motion(
         "converged",
-        f"held by the bump lane since row {entry}: {why}, by {depth:.2f} row shifts per row, as "
-        "much as shape and orientation scatter the row map or more",
+        f"held by the bump lane since row {entry}: put nearer to the pillar it comes back by "
+        f"{depth:.2f} row shifts per row, as much as shape and orientation scatter the row map or "
+        "more",
         1.0,
-        1 - off,
-        1 + off,
+        1.0,
+        1.0,
         1,
         entry,
         1 + depth,

@@ -43,7 +43,9 @@ def outcome(angle=BUMP, distance=0.3, **changes):
         "periodicity": 10,
         "stiffness_set": "1",
         "cell_shape": "biconcave",
+        "aspect_ratio": None,
         "cell_radius_um": 7.5,
+        "release_axis": "y",
         "height_um": 20.0,
         "mean_velocity_mm_s": 0.5,
         "drive": "no-lateral-flux",
@@ -395,7 +397,7 @@ def test_the_figure_draws():
 
 def test_models_come_back(tmp_path):
     assert uncertainty.read_models(tmp_path) == {} and uncertainty.models_hash(tmp_path) is None
-    path = tmp_path / "discs" / "sigma_num.json"
+    path = tmp_path / "biconcave" / "sigma_num.json"
     path.parent.mkdir()
     path.write_text(json.dumps(model()))
     assert uncertainty.read_models(tmp_path) == {"biconcave": model()}

@@ -81,7 +81,7 @@ def test_the_finest_row_of_a_pair_is_kept():
 
 def test_without_a_reference_the_remedy_is_told(tmp_path):
     with pytest.raises(DldsimError, match="snakemake -j2 reference"):
-        study.reference_outcomes(tmp_path)
+        study.reference_outcomes("biconcave", tmp_path)
 
 
 def test_nothing_is_installed_from_an_unfinished_study(tmp_path):

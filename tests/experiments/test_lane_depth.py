@@ -6,7 +6,7 @@ import pytest
 from dldsim.config.sections import Cell, Geometry, RunControl
 from dldsim.experiments import lane_depth
 from dldsim.experiments.array_run import migration_of, simulate_run
-from dldsim.experiments.lane_depth import FARTHEST, LOOKS, Probe, depth_of, probe_lane, with_depth
+from dldsim.experiments.lane_depth import FARTHEST, LOOKS, Probe, probe_lane, with_depth
 from dldsim.experiments.migration import Migration
 from dldsim.experiments.settling import LANE_ROWS, MAP_SCATTER
 from dldsim.solver.observe import Sample
@@ -45,8 +45,6 @@ def test_a_lane_that_lets_go_at_two_places_is_given_up(monkeypatch, edge, slope,
 
 
 def test_depth_is_the_largest_step_seen():
-    assert depth_of([]) is None and depth_of([Probe(0.8, None, 3), Probe(0.4, 0.9, 3)]) is None
-    assert depth_of([Probe(0.4, 1.2, 3), Probe(0.2, 1.1, 3)]) == pytest.approx(0.2)
     rests = Migration("converged", "rests", "bump", row_map_peak=1.01, transition_distance=0.01)
     assert with_depth(rests, []).transition_distance == pytest.approx(0.01)
     assert with_depth(rests, [1.3, -2.0]).transition_distance == pytest.approx(0.3)
@@ -106,7 +104,7 @@ def test_a_scene_stays_as_it_is_while_it_is_probed(monkeypatch):
     early, (steps, probes) = seen  # tried in vain as soon as it may be in the lane
     back = [probe for probe in probes if probe.comes_back]
     assert row["status"] == "converged" and 0 < len(back) < len(probes) == 5
-    assert early[0] < steps and len(early[1]) == LOOKS and depth_of(early[1]) is None
+    assert early[0] < steps and len(early[1]) == LOOKS
     assert row["probe_steps"] == [probe.step for probe in back]
     assert row["probe_offsets"] == [probe.offset for probe in back]
     assert row["steps"] == steps + counted(early, (steps, probes))

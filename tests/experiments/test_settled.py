@@ -26,7 +26,7 @@ CELLS = {BUMPS: CELL, ZIGZAGS: Cell(radius_um=4.0, shape="sphere")}
 """A red cell that swings in the bump lane, a sphere whose orbit has four rows."""
 COARSE = Numerics(spacing_um=1.25, reynolds_max=0.3, rows=2, lanes=1, images="aligned")
 FINE = COARSE.model_copy(update={"spacing_um": 0.85})
-CONTROL = RunControl(max_rows=30, release_gap_fractions=[0.5, 0.35])
+CONTROL = RunControl(max_rows=40, release_gap_fractions=[0.5, 0.35])
 
 
 def outcome(geometry, numerics, **options):
@@ -69,8 +69,8 @@ def test_on_the_same_lattice_a_settled_motion_goes_on(coarse):
     width += row["angle_high_deg"] - row["angle_low_deg"]
     assert abs(row["migration_angle_deg"] - first["migration_angle_deg"]) <= width / 2
     assert row["mode"] == first["mode"] == ("bump" if geometry is BUMPS else "zigzag")
-    again_tried = CONTROL.still_rows if geometry is BUMPS else 0  # the lane, in another phase
-    assert row["rows_completed"] <= first["rows_completed"] + again_tried
+    if geometry is ZIGZAGS:  # in the lane it depends on the phase in which that is tried
+        assert row["rows_completed"] <= first["rows_completed"]
     assert "begun with the settled cell" in row["stop_reason"]
     assert row["first_period_angle_deg"] is None
     assert (row["transition_distance"] > 0) == (row["mode"] == "bump")
@@ -86,7 +86,7 @@ def test_on_the_same_lattice_a_settled_motion_goes_on(coarse):
 
 @pytest.mark.slow
 def test_on_a_finer_lattice_it_comes_to_the_same_in_fewer_rows(coarse):
-    """But for a cell at rest in the bump lane, which is released from all places."""
+    """But for a cell in the bump lane, which is released from all places."""
     geometry, before = coarse
     cold, warm = outcome(geometry, FINE), outcome(geometry, FINE, starts=before.settled)
     bumps = geometry is BUMPS
@@ -173,7 +173,7 @@ SHIFT = np.degrees(np.arctan(0.25))
             (1.0, NEAR),
             {0.5: True, 0.2: False, 0.8: False},
         ),
-        # Two motions, each from a release; the cell at rest in the bump lane is released.
+        # Two motions, each from a release; what is in the bump lane is released.
         (
             {0.5: (1.0, FAR), 0.2: (1.0, FAR), 0.8: (SHIFT, 0.3)},
             (1.0, FAR),
