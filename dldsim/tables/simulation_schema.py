@@ -69,7 +69,7 @@ TABLES = {
             real("migration_angle_deg", "°", "migration angle θ_m of the settled motion"),
             *INTERVAL,
             real(
-                "first_period_angle_deg", "°", "angle of the first N_p rows; none if settled before"
+                "first_period_angle_deg", "°", "angle of the first N_p rows; none if shorter"
             ),
         ),
         real("bump_angle_deg", "°", "angle of full bump mode, atan(1/N_p)"),
