@@ -22,6 +22,8 @@ NEGLIGIBLE = 1e-10
 ETA = (-30.0, 5.0)
 """Beyond these the share is 0 or 1 in double precision."""
 TYPICAL_ROWS = 8
+OWN_LAW = 3.0
+"""Ridge on a shape's own correction of the law over that on the common one."""
 LEAST_SHARE = 1e-4
 """Shares nearer to 0 or 1 start the trees from there: the logarithm of the odds must be finite."""
 
@@ -51,9 +53,9 @@ class TwoLimitCurve(_Settable):
     η holds x = ln 2R/D_c, the law of rigid spheres; what may be wrong with the law's exponent and
     prefactor: ln N_p, ln P_r/R and their product; and for each cell shape an offset, another slope
     in x, the deformability c = ln Ca (or the deformation index) and its square, since the critical
-    gap is least at some Ca, and the vertical confinement 2R/height. Below the transition s dies out
-    gradually (mixed motion), above it the bump is soon complete, hence this link and not the
-    symmetric logistic one. Least squares in degrees with a ridge [deg²] that hardly touches x,
+    gap is least at some Ca, the vertical confinement 2R/height, and what differs from the common
+    law's correction, held more firmly. Below the transition s dies out gradually (mixed motion),
+    above it the bump is soon complete, hence this link and not the symmetric logistic one. Least squares in degrees with a ridge [deg²] that hardly touches x,
     holds what belongs to a shape lightly (levels of c may lie so close that a slope says nothing
     beyond them) and the corrections by ``penalty``, so that few outcomes give the law and many its
     correction. The two limits, 0 and the bump angle, are kept whatever the data.
@@ -63,7 +65,7 @@ class TwoLimitCurve(_Settable):
         self.penalty = penalty
 
     def terms(self, x: np.ndarray) -> np.ndarray:
-        """(n, 4 + 5 · shapes); ln N_p and c from levels that make their slopes comparable."""
+        """(n, 4 + 8 · shapes); ln N_p and c from levels that make their slopes comparable."""
         size, rows, pillar = (
             x[:, COLUMN[name]]
             for name in (
@@ -73,14 +75,11 @@ class TwoLimitCurve(_Settable):
             )
         )
         c = x[:, COLUMN["log_capillary_number"]] - self.middle
-        own = np.stack([np.ones_like(c), size, c, c * c, x[:, COLUMN["vertical_confinement"]]])
+        array = np.stack([rows, pillar, (rows - np.log(TYPICAL_ROWS)) * pillar])
+        upright = x[:, COLUMN["vertical_confinement"]]
+        own = np.stack([np.ones_like(c), size, c, c * c, upright, *array])
         shape = x[:, COLUMN["shape"]] == np.arange(len(SHAPES))[:, None]
-        return np.vstack(
-            [
-                np.stack([size, rows, pillar, (rows - np.log(TYPICAL_ROWS)) * pillar]),
-                (shape[:, None] * own).reshape(-1, len(x)),
-            ]
-        ).T
+        return np.vstack([np.stack([size, *array]), (shape[:, None] * own).reshape(-1, len(x))]).T
 
     def fit(self, x: np.ndarray, y: np.ndarray) -> "TwoLimitCurve":
         self.middle = float(x[:, COLUMN["log_capillary_number"]].mean())
@@ -89,7 +88,8 @@ class TwoLimitCurve(_Settable):
         design = np.column_stack([np.ones(len(y)), terms - self.centre])
         target, bump = np.clip(share_of(y, rows), 0, 1), x[:, COLUMN["bump_angle_deg"]]
         held = self.penalty
-        weights = [0.01, held, held, held, *[0.1, 1.0, 1.0, held, held] * len(SHAPES)]
+        own = [0.1, 1.0, 1.0, held, held, *[OWN_LAW * held] * 3]
+        weights = [0.01, held, held, held, *own * len(SHAPES)]
         ridge = np.diag(np.sqrt([0.0, *weights]))[1:]
 
         def misfit(b: np.ndarray) -> np.ndarray:

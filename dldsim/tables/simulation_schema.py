@@ -68,9 +68,7 @@ TABLES = {
         *optional(
             real("migration_angle_deg", "°", "migration angle θ_m of the settled motion"),
             *INTERVAL,
-            real(
-                "first_period_angle_deg", "°", "angle of the first N_p rows; none if shorter"
-            ),
+            real("first_period_angle_deg", "°", "angle of the first N_p rows; none if shorter"),
         ),
         real("bump_angle_deg", "°", "angle of full bump mode, atan(1/N_p)"),
         count("rows_completed", "rows passed"),
