@@ -44,6 +44,9 @@ OF_95_PERCENT = 1.96
 """Half width of a normal 95 % interval over its standard deviation."""
 OPEN_FROM = 0.05
 """Probability of the other mode from which on the mode is open: less is what 2 σ leave out."""
+LEAST_SHARE = 0.002
+"""Of the bump angle: a lateral position resolved to 0.03 row shifts, after the fifteen rows or so
+that a cell is followed. Pairs that repeat alike have the same angle to rounding."""
 CONDITIONS = (
     "cell_shape",
     "aspect_ratio",
@@ -238,6 +241,7 @@ def numerical_uncertainty(row: Row, model: Mapping[str, Any] | None) -> dict[str
     sigma_distance = studied["value"]
     if not sigma_distance or share is None:
         return _found(None, NOT_STUDIED, f"the study has too few pairs with {_side(row)}")
+    share = max(share, LEAST_SHARE)
     distance = row["transition_distance"]
     if distance is None:
         chance, step, why = 0.5, bump, "its distance from the transition is unknown"
