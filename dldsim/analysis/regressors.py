@@ -55,10 +55,11 @@ class TwoLimitCurve(_Settable):
     in x, the deformability c = ln Ca (or the deformation index) and its square, since the critical
     gap is least at some Ca, the vertical confinement 2R/height, and what differs from the common
     law's correction, held more firmly. Below the transition s dies out gradually (mixed motion),
-    above it the bump is soon complete, hence this link and not the symmetric logistic one. Least squares in degrees with a ridge [deg²] that hardly touches x,
-    holds what belongs to a shape lightly (levels of c may lie so close that a slope says nothing
-    beyond them) and the corrections by ``penalty``, so that few outcomes give the law and many its
-    correction. The two limits, 0 and the bump angle, are kept whatever the data.
+    above it the bump is soon complete, hence this link and not the symmetric logistic one. Least
+    squares in degrees with a ridge [deg²] that hardly touches x, holds what belongs to a shape
+    lightly (levels of c may lie so close that a slope says nothing beyond them) and the corrections
+    by ``penalty``, so that few outcomes give the law and many its correction. The two limits, 0 and
+    the bump angle, are kept whatever the data.
     """
 
     def __init__(self, penalty: float = 3.0):

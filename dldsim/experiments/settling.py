@@ -138,23 +138,22 @@ def held(
     """A bump lane that the scatter of the row map cannot open.
 
     ``probes``: offset, nearer to the pillar than the last position, and step from there, of those
-    that came back. One counts if it began below all places that the cell has been at in the lane
-    and did not come back beyond the highest of them. A step of one row shift and the most scatter
-    of the map, or more: no shape or orientation lets the cell fall from there to where it is. Its
-    mean step is then one row shift for good.
+    that came back. One counts if it began below all places that the cell has been at in the lane,
+    and came back nearer to the middle of them than it began: swings do not grow. A step of one row
+    shift and the most scatter of the map, or more: no shape or orientation lets the cell fall from
+    there to where it is. Its mean step is then one row shift for good.
     """
     entry = lane_entry(m, control.orbit_tolerance)
     if entry is None:
         return None
     z = framed(m)[entry:]
-    depth = max(
-        (
-            step - 1
-            for offset, step in probes
-            if z[-1] - offset <= z.min() and z[-1] - offset + step - 1 <= z.max() + MAP_SCATTER[0]
-        ),
-        default=0.0,
-    )
+    middle = float(z.min() + z.max()) / 2
+
+    def counts(offset: float, step: float) -> bool:
+        begin = z[-1] - offset
+        return begin <= z.min() and begin + step - 1 - middle <= middle - begin
+
+    depth = max((step - 1 for offset, step in probes if counts(offset, step)), default=0.0)
     if depth < MAP_SCATTER[1]:
         return None
     return Motion(
