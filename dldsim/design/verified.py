@@ -37,7 +37,7 @@ class Stop(StrEnum):
     def sentence(self, number: int, budget: Budget) -> str:
         """The same in words, for the round of this number."""
         return {
-            Stop.ROUNDS: f"{budget.rounds} rounds done",
+            Stop.ROUNDS: f"{budget.rounds} round{'s' * (budget.rounds != 1)} done",
             Stop.KNOWN: f"round {number}: the best candidates have been simulated before",
             Stop.BUDGET: f"round {number}: budget of {budget.outcomes_max} outcomes spent",
             Stop.CONFIRMED: f"round {number}: predictions confirmed",
