@@ -74,8 +74,10 @@ def simulate_run(
     releases of it, in µm, whose passes count where they are alike (`settling.analyse_path`).
     ``start``: the cell goes on from there, as on another lattice, not from its release; the time
     step is that of a release. Such a run has no first period, and its place of release is where its
-    path begins. ``probe``: find out how deep the bump lane is that a cell has settled in
-    (`lane_depth`), unless one of the ``others`` has; without, its transition distance is None.
+    path begins. ``probe``: find out how deep the bump lane is that a cell has come to
+    (`lane_depth`), and end there if that proves that it is held (`settling.held`); what ``others``
+    have found out of a shallow lane is not tried again. Without, the transition distance in the
+    lane is None, and the cell has to rest or to swing there.
 
     ``observe`` is called after every sample that is recorded, with the scene as it is then, and
     with another record where the run began anew with a shorter time step.
